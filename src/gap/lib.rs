@@ -2,29 +2,26 @@
 //! effect causes it, how far it shrinks once that effect is added. It draws no page and never sees the truth of a flight,
 //! except where it is asked how far the estimate was off.
 //!
-//! Begin with [`diagnosis`] and `attribute/mod.rs`. The way of a flight: [`flight::logs`] is gate 0, [`flight::trace`] what may be seen of
-//! it, [`flight::smoother`] where it was, `residuals` one channel a file, [`flight::statistics`] its numbers. What it is held against:
-//! [`scene`] room, vehicle and companion, [`bank::library`] and [`bank::make_bank`] the simulated flights, where every effect flies
-//! beside a twin without it, [`bank::workshop`] what is kept on disk. What is said: `attribute` which effect, with `gate.rs`
-//! whether there is a gap at all and `foretold.rs` what it foretells, [`places`] where, [`shrink`] how far, [`advice`] what
-//! to fly next, [`accept`] what is written back, [`commission`] the constants with which the simulator flies as accepted
-//! flights were flown.
+//! ```no_run
+//! use haltere_gap::door::{Flights, Options, References, Simulator, diagnose};
 //!
+//! let flights = Flights {
+//!     log: "bad/diagnostic-101.mcap".into(),
+//!     held_out: vec!["bad/held-out-101.mcap".into(), "bad/held-out-102.mcap".into()],
+//!     ..Flights::default()
+//! };
+//! let references = References { same_mission: vec!["good".into()], ..References::default() };
+//! let diagnosis = diagnose(&flights, &Simulator::default(), &references, &Options::default())?;
+//! println!("{}", haltere_gap::said::first(&diagnosis));
+//! # Ok::<(), haltere_gap::door::Refused>(())
 //! ```
-//! use haltere_gap::bank::{library, missions};
-//! use haltere_gap::scene::Scene;
 //!
-//! // The flight that tells most, for a room; and what can be told apart by it.
-//! let scene = Scene::lab()?;
-//! let mission = missions::diagnostic_file(&scene);
-//! assert!(mission.items.len() > 10);
-//! let effects = library::standard();
-//! let (vehicle, room) = (&scene.vehicle, &scene.room);
-//! for spec in &effects {
-//!     assert!(!library::axes(spec, vehicle, room, scene.survey.ids().len()).is_empty(), "{}", spec.id);
-//! }
-//! # Ok::<(), haltere_core::checks::Problems>(())
-//! ```
+//! The way of a flight: [`flight::logs`] is gate 0, [`flight::trace`] what may be seen of it, [`flight::smoother`] where it was,
+//! `flight::residuals` one channel a file, [`flight::statistics`] its numbers. What it is held against: [`scene`] room, vehicle and
+//! companion, [`bank::library`] and [`bank::make_bank`] the simulated flights, where every effect flies beside a twin without it,
+//! [`bank::workshop`] what is kept on disk. What is said: [`attribute`] which effect, [`places`] where, [`shrink`] how far,
+//! [`advice`] what to fly next, [`said`] all of it in plain words, [`accept`] what is written back, [`commission`] the constants with
+//! which the simulator flies as accepted flights were flown. [`door`] leads through all of it.
 
 pub mod accept;
 pub mod advice;
@@ -32,6 +29,7 @@ pub mod attribute;
 pub mod bank;
 pub mod commission;
 pub mod diagnosis;
+pub mod door;
 pub mod flight;
 pub mod nominal;
 mod normal;

@@ -8,7 +8,7 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::print;
+use crate::cli::print;
 use haltere_core::measure::AnchorId;
 use haltere_gap::attribute::{Attributor, Settings};
 use haltere_gap::bank::bank_file;
@@ -21,7 +21,7 @@ use haltere_model::effects::Block;
 /// Flights are lines as `haltere gap observe` and `haltere-lab detectable --labelled` write them. Each comes back
 /// with its own fields, the statistics left out, and with what the diagnosis says of it and where.
 #[derive(Debug, Args)]
-pub(super) struct Attribute {
+pub(in crate::cli) struct Attribute {
     /// A bank of the same mission (`haltere gap bank`).
     bank: PathBuf,
     /// Flights to judge.

@@ -7,12 +7,12 @@ use std::time::Instant;
 
 use clap::Args;
 
-use super::gap::SceneOptions;
-use super::gap_references::of_one_mission;
-use super::{print, print_json};
-use crate::progress::Progress;
+use super::SceneOptions;
+use super::terminal::Terminal;
+use crate::cli::{print, print_json};
 use crate::report::gap::budget::{self as page, number};
 use haltere_gap::commission::budget::{Budget, budget};
+use haltere_gap::door::{Audience as _, of_one_mission};
 use haltere_gap::outcome::Outcome;
 use haltere_log::written;
 
@@ -24,7 +24,7 @@ use haltere_log::written;
 ///
 /// Exit codes: 0 no gap, 15 a budget, 20 not testable.
 #[derive(Debug, Args)]
-pub(super) struct BudgetCommand {
+pub(in crate::cli) struct BudgetCommand {
     /// Flights of one mission: logs, or folders of logs.
     #[arg(required = true, value_name = "LOG|FOLDER")]
     logs: Vec<PathBuf>,
@@ -46,15 +46,16 @@ impl BudgetCommand {
             written::look(out, &inputs)?;
         }
         let told = self.told.told()?;
-        let flights = of_one_mission(&self.logs)?;
+        let audience = Terminal::default();
+        let flights = of_one_mission(&self.logs, &audience)?;
         let Some(first) = flights.first() else {
             anyhow::bail!("no flight that can be judged lies there");
         };
         let scene = first.scene(&told).for_bank(&first.mission);
         let started = Instant::now();
-        let progress = Progress::new("budget");
         let all: Vec<_> = flights.iter().collect();
-        let found = budget(&scene, &first.mission, &all, |done, of| progress.at(done, of));
+        let found =
+            budget(&scene, &first.mission, &all, |done, of| audience.at("budget", done, of));
         let seconds = started.elapsed().as_secs_f64();
         let found = match found {
             Ok(found) => found,

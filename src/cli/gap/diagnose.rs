@@ -3,36 +3,24 @@
 use std::ffi::OsString;
 use std::fs::File;
 use std::io::BufReader;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
 use clap::{Args, Parser};
 
-use super::gap::{BankOptions, SceneOptions};
-use super::gap_advise::remaining;
-use super::gap_budget;
-use super::gap_references::References;
-use super::gap_session::{Opened, Session, open, same_flight};
-use super::which_flight::WhichFlight;
-use super::{print, print_json};
-use crate::progress::{self, Progress};
+use super::terminal::Terminal;
+use super::{BankOptions, ReferenceOptions, SceneOptions, budget, simulator};
+use crate::cli::which_flight::WhichFlight;
+use crate::cli::{print, print_json};
+use crate::progress;
 use crate::report::{gap as page, truth};
-use haltere_gap::advice::{Effort, advise};
-use haltere_gap::bank::archive::Shelf;
 use haltere_gap::bank::workshop;
-use haltere_gap::commission::budget::budget;
-use haltere_gap::diagnosis::{Advised, Diagnosis, Part, ShrinkResult};
-use haltere_gap::flight::beside_truth::{BesideTruth, TruePoint, beside_truth};
-use haltere_gap::flight::seal::digest_of;
-use haltere_gap::outcome::Ending;
-use haltere_gap::picture::details::details;
-use haltere_gap::picture::picture;
+use haltere_gap::diagnosis::{Diagnosis, Part};
+use haltere_gap::door::{self, Flights, Options, Truth};
+use haltere_gap::flight::beside_truth::BesideTruth;
 use haltere_gap::said;
-use haltere_gap::scene::Scene;
-use haltere_gap::shrink::held_out::{Explanation, measure};
 use haltere_log::written;
-use haltere_model::effects::EffectSpec;
 
 /// Says where a flight differs from the nominal simulator, which effect causes it, and how far the
 /// gap shrinks once that effect is added.
@@ -49,14 +37,14 @@ use haltere_model::effects::EffectSpec;
 /// Exit codes: 0 no gap, 10 named, 11 one of a set, 12 several, 13 not in the library, 14 named with
 /// a remainder, 15 a budget, 20 not testable, 30 log or replay fault.
 #[derive(Debug, Args)]
-pub(super) struct Diagnose {
+pub(in crate::cli) struct Diagnose {
     /// Flight logs of the companion.
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
     #[command(flatten)]
     which: WhichFlight,
     #[command(flatten)]
-    references: References,
+    references: ReferenceOptions,
     #[command(flatten)]
     told: SceneOptions,
     #[command(flatten)]
@@ -125,12 +113,15 @@ impl Diagnose {
 
     fn diagnosis(&self) -> anyhow::Result<Diagnosis> {
         self.look()?;
+        let references = self.references.references();
+        let picture = self.report.is_some() || self.json;
+        let advice = picture && !self.without_advice;
         let is_due = |stage: &str| match stage {
             "sizes" | "shrink" => self.logs.len() > 1,
-            "cells" => self.report.is_some() || self.json,
-            "advice" => (self.report.is_some() || self.json) && !self.without_advice,
-            "reference flights" | "commissioning" => self.references.any(),
-            "budget" => !self.references.any(),
+            "cells" => picture,
+            "advice" => advice,
+            "reference flights" | "commissioning" => references.any(),
+            "budget" => !references.any(),
             _ => true,
         };
         let usual = |(name, usual_s): (&'static str, f64)| match name {
@@ -141,98 +132,26 @@ impl Diagnose {
         progress::stages(&due, workshop::costs_file());
         let [first, others @ ..] = &self.logs[..] else { anyhow::bail!("no log") };
         // Before anything long: files that do not hold what they should.
-        let truth = self.truth_file()?;
-        let session =
-            match open(first, self.which, others, &self.references, &self.told, &self.options)? {
-                Opened::Ready(session) => session,
-                Opened::Fault(mut diagnosis) => {
-                    diagnosis.made_with.log_sha256 = hash_of(first);
-                    return Ok(*diagnosis);
-                }
-            };
-        let truth = self.beside_truth(&session, truth)?;
-        let mut diagnosis = session.judge();
-        diagnosis.made_with.log_sha256 = hash_of(first);
-        diagnosis.truth = truth;
-        if diagnosis.wants_budget {
-            budgeted(&session, &mut diagnosis);
-        }
-        if !others.is_empty() {
-            self.shrink(&session, &mut diagnosis)?;
-        }
-        if self.report.is_some() || self.json {
-            self.draw(&session, &mut diagnosis);
-        }
+        let truth = self.truth()?;
+        let flights =
+            Flights { log: first.clone(), flight: self.which.number(), held_out: others.to_vec() };
+        let simulator = simulator(&self.told, &self.options)?;
+        let audience = &Terminal::default();
+        let options = Options { picture, advice, truth: truth.as_ref(), audience };
+        let mut diagnosis = door::diagnose(&flights, &simulator, &references, &options)?;
         diagnosis.remarks.extend(self.remark.iter().cloned());
         Ok(diagnosis)
     }
 
-    /// Truth of a file, and its name.
-    fn truth_file(&self) -> anyhow::Result<Option<(Vec<TruePoint>, String)>> {
-        let Some(Some(path)) = &self.truth else { return Ok(None) };
+    /// Where the truth stands, if it is asked for.
+    fn truth(&self) -> anyhow::Result<Option<Truth>> {
+        let Some(asked) = &self.truth else { return Ok(None) };
+        let Some(path) = asked else { return Ok(Some(Truth::Captured)) };
         let name = || path.display().to_string();
         let file = File::open(path).with_context(name)?;
         let rows = truth::read(BufReader::new(file)).with_context(name)?;
-        Ok(Some((rows.iter().map(|row| (row.at, row.pos_E_m)).collect(), name())))
-    }
-
-    /// The estimate beside the truth, where that is asked for.
-    fn beside_truth(
-        &self,
-        session: &Session,
-        file: Option<(Vec<TruePoint>, String)>,
-    ) -> anyhow::Result<Option<BesideTruth>> {
-        let flown = &session.seen.flown;
-        let (points, source) = match (&self.truth, file) {
-            (None, _) => return Ok(None),
-            (Some(_), Some(file)) => file,
-            (Some(_), None) => {
-                let captured = flown.trace.references.iter();
-                let points = captured.map(|r| (r.valid_at, r.pos_E_m)).collect();
-                (points, format!("motion capture in {}", flown.path.display()))
-            }
-        };
-        Ok(Some(beside_truth(&flown.trace, &points, &source)?))
-    }
-
-    /// What the page shows beyond the verdict.
-    fn draw(&self, session: &Session, diagnosis: &mut Diagnosis) {
-        let flown = &session.seen.flown;
-        if let Ok(own) = details(&flown.trace, &session.workshop.nominal) {
-            let named = explanation(diagnosis);
-            let effects: Vec<_> = named
-                .iter()
-                .flat_map(|n| &n.effects)
-                .map(|(spec, theta)| (*spec, &theta[..]))
-                .collect();
-            let progress = Progress::new("cells");
-            diagnosis.picture = Some(picture(
-                &session.scene,
-                &flown.mission,
-                &own,
-                &session.reference_details,
-                &effects,
-                |done, of| progress.at(done, of),
-            ));
-        }
-        if self.without_advice || diagnosis.attribution.is_none() {
-            return;
-        }
-        let open = remaining(diagnosis);
-        let experiments = if open.is_settled() {
-            Vec::new()
-        } else {
-            let progress = Progress::new("advice");
-            let shelf = Shelf::in_folder(&self.options.folder());
-            let tell = |done, of| progress.at(done, of);
-            advise(&session.scene, &open, Effort::Listed, &shelf, tell)
-        };
-        diagnosis.advice = Some(Advised {
-            open: open.candidates.iter().map(|h| (h.spec.id.to_owned(), h.probability)).collect(),
-            correct_now: open.correct_now(),
-            left_out: open.left_out.clone(),
-            experiments,
-        });
+        let points = rows.iter().map(|row| (row.at, row.pos_E_m)).collect();
+        Ok(Some(Truth::File(points, name())))
     }
 
     /// What is read: nothing is written over it. References are logs, which are safe by themselves.
@@ -266,123 +185,7 @@ impl Diagnose {
         }
         Ok(())
     }
-
-    fn shrink(&self, session: &Session, diagnosis: &mut Diagnosis) -> anyhow::Result<()> {
-        let (flights, accepted) = (&session.others, &session.held_out_references);
-        for flown in flights {
-            if let Some(fault) = flown.faults.first() {
-                anyhow::bail!("{}: no held-out flight: {fault}", flown.path.display());
-            }
-        }
-        let spec = |id: &str| session.workshop.spec(id);
-        let suspect = || {
-            let first = diagnosis.suspect()?;
-            let effects = vec![(spec(&first.id)?, first.theta.clone())];
-            Some(Explanation { name: first.id.clone(), effects })
-        };
-        let Some(mut named) = explanation(diagnosis).or_else(suspect) else { return Ok(()) };
-        let mut rivals: Vec<Explanation> = Vec::new();
-        if let Some(attribution) = &diagnosis.attribution {
-            rivals.extend(
-                attribution
-                    .candidates
-                    .iter()
-                    .filter(|c| {
-                        !diagnosis.set.contains(&c.id) && c.id != named.name && !c.theta.is_empty()
-                    })
-                    .take(RIVALS)
-                    .filter_map(|c| {
-                        let effects = vec![(spec(&c.id)?, c.theta.clone())];
-                        Some(Explanation { name: c.id.clone(), effects })
-                    }),
-            );
-            // More freedom than the named one has: what could be reached.
-            rivals.extend(attribution.pairs.first().filter(|_| named.effects.len() == 1).and_then(
-                |pair| {
-                    let [a, b] = [spec(&pair.ids[0])?, spec(&pair.ids[1])?];
-                    let effects = vec![(a, pair.theta[0].clone()), (b, pair.theta[1].clone())];
-                    Some(Explanation { name: pair.ids.join(" + "), effects })
-                },
-            ));
-        }
-        let all = std::iter::once(&mut named).chain(&mut rivals);
-        session.resize(&mut all.collect::<Vec<_>>());
-        let progress = Progress::new("shrink");
-        let r = measure(flights, accepted, &session.told, &named, &rivals, |done, of| {
-            progress.at(done, of);
-        })?;
-        for (k, rung) in diagnosis.ladder.iter_mut().enumerate() {
-            rung.held_out = match k {
-                0 => Some(r.whole.before),
-                1 if diagnosis.set.first().is_some_and(|id| rung.name == format!("+ {id}")) => {
-                    Some(r.whole.after)
-                }
-                _ => None,
-            };
-        }
-        diagnosis.shrink = Some(ShrinkResult {
-            value: r.whole.value,
-            low: r.whole.interval.map(|i| i[0]),
-            high: r.whole.interval.map(|i| i[1]),
-            floor: r.whole.floor,
-            before: r.whole.before,
-            after: r.whole.after,
-            noise: r.whole.noise,
-            attainable: r.attainable,
-            attained_by: r.attained_by,
-            efficiency: r.efficiency,
-            channels: r.channels,
-            others: r.wrong,
-            wrong: r.wrong_median,
-            flights: flights.len(),
-            references: accepted.len(),
-        });
-        diagnosis.weigh_held_out(&session.workshop);
-        Ok(())
-    }
 }
-
-/// Asks which constants of the vehicle file differ, by all flights of the mission.
-fn budgeted(session: &Session, diagnosis: &mut Diagnosis) {
-    let own = &session.seen.flown;
-    let fellows = session.others.iter().filter(|flown| same_flight(own, flown).is_ok());
-    let flights: Vec<_> = std::iter::once(own).chain(fellows).collect();
-    let progress = Progress::new("budget");
-    // What differs is told beside the file, also where that is not what flies.
-    let scene = Scene { vehicle: session.file.clone(), ..session.scene.clone() };
-    let found = budget(&scene, &session.workshop.items, &flights, |done, of| {
-        progress.at(done, of);
-    });
-    match found {
-        Ok(found) => diagnosis.budgeted(found),
-        Err(why) => diagnosis.remarks.push(format!("no budget: {why}")),
-    }
-}
-
-/// SHA-256 of a file; empty where it cannot be read, which was said before.
-fn hash_of(path: &Path) -> String {
-    haltere_log::intake::open(path).and_then(digest_of).unwrap_or_default()
-}
-
-/// What is named as one explanation: set members are alternatives, and the first stands for them;
-/// several act together.
-fn explanation(diagnosis: &Diagnosis) -> Option<Explanation> {
-    let together = if diagnosis.outcome == Ending::Several { diagnosis.effects.len() } else { 1 };
-    let whole = haltere_gap::bank::library::whole();
-    let spec =
-        |id: &str| -> Option<&'static EffectSpec> { whole.iter().copied().find(|s| s.id == id) };
-    let effects: Vec<(&'static EffectSpec, Vec<f64>)> = diagnosis
-        .effects
-        .iter()
-        .take(together)
-        .filter_map(|e| Some((spec(&e.id)?, e.parameters.iter().map(|p| p.value).collect())))
-        .collect();
-    let name = effects.iter().map(|(s, _)| s.id).collect::<Vec<_>>().join(" + ");
-    (!effects.is_empty()).then_some(Explanation { name, effects })
-}
-
-/// Effects that are not named and flown as control.
-const RIVALS: usize = 5;
 
 fn text(d: &Diagnosis) -> String {
     use std::fmt::Write;
@@ -411,7 +214,7 @@ fn text(d: &Diagnosis) -> String {
     for line in d.truth.iter().flat_map(BesideTruth::words) {
         let _ = writeln!(out, "TRUTH       {line}");
     }
-    out.push_str(&d.budget.as_ref().map_or(String::new(), gap_budget::parts));
+    out.push_str(&d.budget.as_ref().map_or(String::new(), budget::parts));
     for place in &d.places {
         let anchor = place.anchor.map_or(String::new(), |a| format!(", anchor {a}"));
         let (word, likely) = match place.part {

@@ -1,21 +1,19 @@
-//! What `gap diagnose`, `gap advise` and `gap shrink` begin with: a log through gate 0, the bank of its
-//! mission, reference flights, and what was learned.
+//! What a diagnosis begins with: a log through gate 0, the bank of its mission, accepted flights, and what was learned.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use super::gap::{BankOptions, SceneOptions};
-use super::gap_references::{Accepted, References, each_once};
-use super::which_flight::{WhichFlight, tell};
-use crate::progress::Progress;
-use haltere_gap::attribute::{Attributor, Settings};
-use haltere_gap::bank::workshop::{Workshop, WorkshopError};
-use haltere_gap::commission::{Fitted, NotCommissioned, begun_with, fitted, not_yet};
-use haltere_gap::diagnosis::{Diagnosis, Observed, judge, observed, unreadable};
-use haltere_gap::flight::logs::{self, Flown};
-use haltere_gap::nominal::Nominal;
-use haltere_gap::picture::details::{Details, details};
-use haltere_gap::scene::{Scene, Told};
-use haltere_gap::shrink::held_out::{Explanation, HeldOut, resize_all};
+use super::references::{Accepted, each_once, read};
+use super::{Audience, Flights, References, Refused, Simulator, say_which};
+use crate::attribute::{Attributor, Settings};
+use crate::bank::workshop::{Workshop, WorkshopError};
+use crate::commission::{Fitted, NotCommissioned, begun_with, fitted, not_yet};
+use crate::diagnosis::{Diagnosis, Observed, judge, observed, unreadable};
+use crate::flight::logs::{self, Flown};
+use crate::flight::seal::digest_of;
+use crate::nominal::Nominal;
+use crate::picture::details::{Details, details};
+use crate::scene::{Scene, Told};
+use crate::shrink::held_out::{Explanation, HeldOut, resize_all};
 use haltere_log::record::LogError;
 use haltere_log::replay::ReplayError;
 use haltere_model::Vehicle;
@@ -24,16 +22,21 @@ use haltere_model::Vehicle;
 const LEAST_REFERENCES: usize = 8;
 
 /// A log that can be judged, and everything to judge it by.
-pub(super) struct Session {
+#[derive(Debug)]
+pub struct Session {
     /// What the user said, with the vehicle that is flown.
     pub told: Told,
     /// The vehicle of the file.
     pub file: Vehicle,
     /// The vehicle that is flown, where accepted flights had to say it, or the flight itself.
     pub fitted: Option<Fitted>,
+    /// Room, vehicle and companion of the simulator.
     pub scene: Scene,
+    /// The bank of the mission.
     pub workshop: Workshop,
+    /// What was learned from it.
     pub attributor: Attributor,
+    /// The flight.
     pub seen: Observed,
     /// The other logs: flights that the fit does not see.
     pub others: Vec<Flown>,
@@ -46,7 +49,8 @@ pub(super) struct Session {
 }
 
 /// A log may also be none of ours.
-pub(super) enum Opened {
+#[derive(Debug)]
+pub enum Opened {
     /// It can be judged.
     Ready(Box<Session>),
     /// It cannot: verdict of a fault.
@@ -54,23 +58,25 @@ pub(super) enum Opened {
 }
 
 /// Opens a log. Gate 0 comes before any bank is flown.
-pub(super) fn open(
-    log: &Path,
-    flight: WhichFlight,
-    others: &[PathBuf],
+///
+/// # Errors
+/// As [`super::diagnose`].
+pub fn open(
+    flights: &Flights,
+    simulator: &Simulator,
     references: &References,
-    told: &SceneOptions,
-    options: &BankOptions,
-) -> anyhow::Result<Opened> {
-    let mut told = told.told()?;
-    let library = options.library()?;
+    audience: &dyn Audience,
+) -> Result<Opened, Refused> {
+    let mut told = simulator.told.clone();
+    let log = &flights.log;
     let name = log.display().to_string();
     let fault = |flight, why: String| {
         let mut diagnosis = unreadable(name.clone(), why);
         diagnosis.flight = flight;
+        diagnosis.made_with.log_sha256 = hash_of(log);
         Ok(Opened::Fault(Box::new(diagnosis)))
     };
-    let flown = match logs::read_flight(log, flight.number()) {
+    let flown = match logs::read_flight(log, flights.flight) {
         Ok(flown) => flown,
         // A name or a number that was typed wrongly is no verdict on a flight.
         Err(
@@ -84,48 +90,52 @@ pub(super) fn open(
         return fault(flown.flight, why.clone());
     }
     if flown.mission.is_empty() {
-        anyhow::bail!(
+        return refuse(format!(
             "{name}: no mission in this log; only a flight that can be flown again can be compared"
-        );
+        ));
     }
     // Before anything long: flights that cannot stand beside this one.
-    let others = others.iter().map(|path| logs::read(path)).collect::<Result<Vec<_>, _>>()?;
+    let others =
+        flights.held_out.iter().map(|path| logs::read(path)).collect::<Result<Vec<_>, _>>()?;
     for other in &others {
-        tell(&other.path, other.flight);
+        say_which(audience, &other.path, other.flight);
         same_survey(other, &flown)?;
     }
     each_once(&std::iter::once(&flown).chain(&others).collect::<Vec<_>>())?;
-    let Accepted { first, held_out, copies } = references.read(Some(&flown), &others)?;
+    let Accepted { first, held_out, copies } = read(references, Some(&flown), &others, audience)?;
     if (copies > 0 || !first.is_empty()) && first.len() < LEAST_REFERENCES {
         let copies = match copies {
             0 => String::new(),
             n => format!(", beside {n} logs of a flight that is judged or was given already"),
         };
-        anyhow::bail!(
+        return refuse(format!(
             "{} reference flights on the mission of {name}{copies}; at least {LEAST_REFERENCES} needed, 20 are better",
             first.len()
-        );
+        ));
     }
     let until_s = flown.scene(&told).until_s;
     if let Some(early) = first.iter().find(|flown| !flown.trace.came_as_far_as(until_s)) {
-        anyhow::bail!("{}: no reference: its mission ended too early", early.path.display());
+        return refuse(format!(
+            "{}: no reference: its mission ended too early",
+            early.path.display()
+        ));
     }
     let file = told.vehicle.clone();
-    let mut fitted = vehicle_of(&first, &told, &options.folder())?;
+    let mut fitted = vehicle_of(&first, &told, &simulator.folder, audience)?;
     if let Some(fitted) = &fitted {
         told.vehicle = fitted.vehicle.clone();
     }
     let mut scene = flown.scene(&told).for_bank(&flown.mission);
-    let progress = Progress::new("bank");
     let bank_of = |scene: &Scene| {
         let (scene, items) = (scene.clone(), flown.mission.clone());
-        let tell = |done, of| progress.at(done, of);
-        Workshop::open(&options.folder(), scene, items, library.clone(), options.size(), tell)
+        let tell = |done, of| audience.at("bank", done, of);
+        let Simulator { folder, library, size, .. } = simulator;
+        Workshop::open(folder, scene, items, library.clone(), *size, tell)
     };
     let workshop = match bank_of(&scene) {
         Err(not_flown @ WorkshopError::NotFlown { .. }) => {
             let flights: Vec<_> = std::iter::once(&flown.trace).collect();
-            let Some(begun) = begun_with(&options.folder(), &scene, &flown.mission, &flights)
+            let Some(begun) = begun_with(&simulator.folder, &scene, &flown.mission, &flights)
             else {
                 return Err(not_flown.into());
             };
@@ -138,9 +148,9 @@ pub(super) fn open(
     };
     let (references, reference_details) = accepted(first, &workshop.nominal)?;
     let settings = Settings::for_flights();
-    let progress = Progress::new("learning the bank");
-    let attributor = workshop.learn(&references, &[], &settings, || progress.at(0, 1))?;
-    progress.at(1, 1);
+    let learning = |done| audience.at("learning the bank", done, 1);
+    let attributor = workshop.learn(&references, &[], &settings, || learning(0))?;
+    learning(1);
     let seen = observed(flown, &workshop.nominal);
     let session = Session {
         told,
@@ -159,11 +169,15 @@ pub(super) fn open(
 }
 
 /// The vehicle as accepted flights show it, where they are not as those of its file are.
-fn vehicle_of(accepted: &[Flown], told: &Told, folder: &Path) -> anyhow::Result<Option<Fitted>> {
+fn vehicle_of(
+    accepted: &[Flown],
+    told: &Told,
+    folder: &Path,
+    audience: &dyn Audience,
+) -> Result<Option<Fitted>, Refused> {
     let Some(first) = accepted.first() else { return Ok(None) };
     let scene = first.scene(told).for_bank(&first.mission);
-    let progress = Progress::new("commissioning");
-    let tell = |done, of| progress.at(done, of);
+    let tell = |done, of| audience.at("commissioning", done, of);
     match fitted(folder, &scene, &first.mission, accepted, tell) {
         // The bank says which number of the file they fail by.
         Err(NotCommissioned::NotFlown { .. }) => Ok(None),
@@ -177,6 +191,7 @@ impl Session {
         let mut diagnosis =
             judge(&self.workshop, &self.attributor, self.references.len(), &self.seen);
         diagnosis.remarks.extend(self.fitted.as_ref().map(Fitted::words));
+        diagnosis.made_with.log_sha256 = hash_of(&self.seen.flown.path);
         diagnosis.commissioned.clone_from(&self.fitted);
         let not_yet = not_yet(&self.workshop.bank, &self.references);
         diagnosis.remarks.extend(not_yet.map(|why| {
@@ -193,19 +208,20 @@ impl Session {
 
     /// Searches the sizes of explanations in closed loop on this flight, and says what was found of the
     /// first.
-    pub fn resize(&self, explanations: &mut [&mut Explanation]) {
+    pub fn resize(&self, explanations: &mut [&mut Explanation], audience: &dyn Audience) {
         let Ok(observation) = &self.seen.observation else { return };
         let model = HeldOut::new(&self.scene, &self.workshop.items, &self.references);
-        let progress = Progress::new("sizes");
         let name = explanations.first().map(|e| e.name.clone()).unwrap_or_default();
         let shares = resize_all(&model, &observation.statistics, explanations, |done, of| {
-            progress.at(done, of);
+            audience.at("sizes", done, of);
         });
         match shares.first() {
-            Some(0.0) => {
-                eprintln!("{name}: makes the simulator no more like this flight at any size")
+            Some(0.0) => audience
+                .say(&format!("{name}: makes the simulator no more like this flight at any size")),
+            Some(share) => {
+                audience
+                    .say(&format!("{name}: flown at {share:.2} of the size that the bank says"));
             }
-            Some(share) => eprintln!("{name}: flown at {share:.2} of the size that the bank says"),
             None => {}
         }
     }
@@ -215,21 +231,21 @@ impl Session {
 fn accepted(
     flights: Vec<Flown>,
     nominal: &Nominal,
-) -> anyhow::Result<(Vec<Vec<f64>>, Vec<Details>)> {
+) -> Result<(Vec<Vec<f64>>, Vec<Details>), Refused> {
     let (mut rows, mut pictures) = (Vec::new(), Vec::new());
     for reference in flights {
         let path = reference.path.clone();
         pictures.extend(details(&reference.trace, nominal).ok());
         match observed(reference, nominal).observation {
             Ok(observation) => rows.push(observation.statistics),
-            Err(why) => anyhow::bail!("{}: {why}", path.display()),
+            Err(why) => return refuse(format!("{}: {why}", path.display())),
         }
     }
     Ok((rows, pictures))
 }
 
 /// Two logs can stand beside one another only on one mission among the same anchors.
-pub(super) fn same_flight(one: &Flown, other: &Flown) -> anyhow::Result<()> {
+pub(super) fn same_flight(one: &Flown, other: &Flown) -> Result<(), Refused> {
     // Where it is flown to; a companion may be addressed in another way.
     let items = |f: &Flown| -> Vec<_> {
         f.mission
@@ -238,25 +254,37 @@ pub(super) fn same_flight(one: &Flown, other: &Flown) -> anyhow::Result<()> {
             .collect()
     };
     if items(one) != items(other) {
-        anyhow::bail!(
+        return refuse(format!(
             "{}: flew another mission ({} items) than {} ({} items); compare flights of one mission",
             one.path.display(),
             one.mission.len(),
             other.path.display(),
             other.mission.len()
-        );
+        ));
     }
     same_survey(one, other)
 }
 
 /// Two logs among the same anchors.
-pub(super) fn same_survey(one: &Flown, other: &Flown) -> anyhow::Result<()> {
+///
+/// # Errors
+/// The names of both, where they are not.
+pub fn same_survey(one: &Flown, other: &Flown) -> Result<(), Refused> {
     if one.trace.survey != other.trace.survey {
-        anyhow::bail!(
+        return refuse(format!(
             "{}: was flown with another anchor survey than {}; diagnose each survey by itself",
             one.path.display(),
             other.path.display()
-        );
+        ));
     }
     Ok(())
+}
+
+/// SHA-256 of a file; empty where it cannot be read, which was said before.
+fn hash_of(path: &Path) -> String {
+    haltere_log::intake::open(path).and_then(digest_of).unwrap_or_default()
+}
+
+pub(super) fn refuse<T>(why: String) -> Result<T, Refused> {
+    Err(Refused::Given(why))
 }

@@ -6,14 +6,13 @@ use std::process::ExitCode;
 use clap::Args;
 use serde_json::json;
 
-use super::gap::{BankOptions, SceneOptions};
-use super::gap_references::{References, each_once};
-use super::gap_session::{Opened, Session, open};
-use super::which_flight::{WhichFlight, tell};
-use super::{print, print_json};
-use crate::progress::Progress;
+use super::terminal::Terminal;
+use super::{BankOptions, ReferenceOptions, SceneOptions, simulator};
+use crate::cli::which_flight::{WhichFlight, tell};
+use crate::cli::{print, print_json};
 use haltere_gap::bank::library::{self, whole};
 use haltere_gap::diagnosis::observed;
+use haltere_gap::door::{self, Audience as _, Flights, Opened, Session, each_once, open};
 use haltere_gap::flight::logs::{self, Flown};
 use haltere_gap::scene::Told;
 use haltere_gap::shrink::held_out::{Explanation, Measured, SHRINK_FLIGHTS, measure};
@@ -25,7 +24,7 @@ use haltere_model::effects::EffectSpec;
 /// which the fit does not see. Beside it stand the floor (two flights of the same model), the best that any
 /// explanation reached, and effects that are not the cause as control.
 #[derive(Debug, Args)]
-pub(super) struct Shrink {
+pub(in crate::cli) struct Shrink {
     /// The effect, with values where it is not to be fitted: `P1`, `P1=0.08`, `U2=bias:0.2,anchor:3`.
     #[arg(long, value_name = "ID[=VALUE,…]")]
     effect: String,
@@ -35,7 +34,7 @@ pub(super) struct Shrink {
     #[command(flatten)]
     which: WhichFlight,
     #[command(flatten)]
-    references: References,
+    references: ReferenceOptions,
     #[command(flatten)]
     told: SceneOptions,
     #[command(flatten)]
@@ -56,10 +55,12 @@ impl Shrink {
             |theta| Explanation { name: spec.id.to_owned(), effects: vec![(spec, theta)] };
         let accepted;
         let mut told = self.told.told()?;
+        let references = self.references.references();
+        let audience = Terminal::default();
         let (asked, others, judged_on) = match given {
             Some(theta) => {
                 let flown = self.judged(&self.logs)?;
-                accepted = self.references.read(None, &flown)?.held_out;
+                accepted = door::read(&references, None, &flown, &audience)?.held_out;
                 (explain(theta), controls(spec), flown)
             }
             None => {
@@ -72,21 +73,20 @@ impl Shrink {
                         spec.id
                     );
                 }
-                let session = match open(
-                    first,
-                    self.which,
-                    rest,
-                    &self.references,
-                    &self.told,
-                    &self.options,
-                )? {
+                let flights = Flights {
+                    log: first.clone(),
+                    flight: self.which.number(),
+                    held_out: rest.to_vec(),
+                };
+                let simulator = simulator(&self.told, &self.options)?;
+                let session = match open(&flights, &simulator, &references, &audience)? {
                     Opened::Ready(session) => session,
                     Opened::Fault(d) => anyhow::bail!("{}: {}", d.log, d.verdict),
                 };
                 let (theta, mut others) = fitted(&session, spec)?;
                 let mut own = explain(theta);
                 let all = std::iter::once(&mut own).chain(&mut others);
-                session.resize(&mut all.collect::<Vec<_>>());
+                session.resize(&mut all.collect::<Vec<_>>(), &audience);
                 for flown in &session.others {
                     sound(flown, &session.told)?;
                 }
@@ -97,9 +97,8 @@ impl Shrink {
         };
         // No parameters: the effect helps at no size.
         let theta = asked.effects.first().map_or(&[][..], |(_, theta)| theta);
-        let progress = Progress::new("shrink");
         let result = measure(&judged_on, &accepted, &told, &asked, &others, |done, of| {
-            progress.at(done, of);
+            audience.at("shrink", done, of);
         })?;
         if self.json {
             print_json(&json!({

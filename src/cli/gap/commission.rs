@@ -9,15 +9,15 @@ use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 
-use super::gap::SceneOptions;
-use super::gap_references::of_one_mission;
-use super::{print, print_json};
-use crate::progress::Progress;
+use super::SceneOptions;
+use super::terminal::Terminal;
+use crate::cli::{print, print_json};
 use crate::report::gap::budget::number;
 use crate::vehicles;
 use haltere_gap::accept::accepted;
 use haltere_gap::accept::rewrite_vehicle;
 use haltere_gap::commission::{Commissioned, LEAST_FLIGHTS, commission};
+use haltere_gap::door::{Audience as _, of_one_mission};
 use haltere_log::written;
 
 /// Where the new vehicle file goes unless the user says otherwise.
@@ -30,7 +30,7 @@ const NOT_YET: u8 = 20;
 /// Each constant has a 90 % interval; what the flights do not show stays as the file says. The new file is written beside yours; it
 /// says how near the simulator now comes to accepted flights that it was not fitted to. Exit code 20: it does not come near enough.
 #[derive(Debug, Args)]
-pub(super) struct Commission {
+pub(in crate::cli) struct Commission {
     /// Accepted flights of one mission, eight or more: logs, or folders of logs.
     #[arg(required = true, value_name = "LOG|FOLDER")]
     references: Vec<PathBuf>,
@@ -68,7 +68,8 @@ impl Commission {
         };
         let text = of_user.map_or(Ok(String::new()), |file| vehicles::read(file))?;
         let told = self.told.told()?;
-        let flights = of_one_mission(&self.references)?;
+        let audience = Terminal::default();
+        let flights = of_one_mission(&self.references, &audience)?;
         let Some(first) = flights.first().filter(|_| flights.len() >= LEAST_FLIGHTS) else {
             anyhow::bail!(
                 "{} accepted flights, at least {LEAST_FLIGHTS} needed, 20 are better",
@@ -77,8 +78,9 @@ impl Commission {
         };
         let scene = first.scene(&told).for_bank(&first.mission);
         let started = Instant::now();
-        let progress = Progress::new("commissioning");
-        let found = commission(&scene, &first.mission, &flights, |done, of| progress.at(done, of))?;
+        let found = commission(&scene, &first.mission, &flights, |done, of| {
+            audience.at("commissioning", done, of)
+        })?;
         let seconds = started.elapsed().as_secs_f64();
         let new =
             rewrite_vehicle(&text, &found.vehicle).with_context(|| out.display().to_string())?;

@@ -7,9 +7,9 @@ use clap::Args;
 use rayon::prelude::*;
 use serde_json::json;
 
-use super::gap::SceneOptions;
-use super::print;
-use super::which_flight::WhichFlight;
+use super::SceneOptions;
+use crate::cli::print;
+use crate::cli::which_flight::WhichFlight;
 use haltere_gap::diagnosis::observed;
 use haltere_gap::flight::logs;
 use haltere_gap::flight::statistics::specs;
@@ -20,7 +20,7 @@ use haltere_gap::nominal::Nominal;
 /// The same numbers are in a bank (`haltere gap bank --export`), so that other methods can be set
 /// beside this one on equal terms.
 #[derive(Debug, Args)]
-pub(super) struct Observe {
+pub(in crate::cli) struct Observe {
     /// Flight logs of the companion.
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,

@@ -7,22 +7,20 @@ use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 
-use super::gap::{BankOptions, SceneOptions};
-use super::gap_references::{References, each_once};
-use super::gap_report::Report;
-use super::gap_session::{Opened, open};
-use super::which_flight::{WhichFlight, tell};
-use super::{print, print_json};
+use super::report::Report;
+use super::terminal::Terminal;
+use super::{BankOptions, ReferenceOptions, SceneOptions, simulator};
+use crate::cli::which_flight::{WhichFlight, tell};
+use crate::cli::{print, print_json};
 use crate::progress::Progress;
 use haltere_gap::advice::experiments::{EXPERIMENTS, Means, find};
-use haltere_gap::advice::{Advice, Effort, Hypothesis, Remaining, advise, after_flight};
+use haltere_gap::advice::{Advice, Effort, Remaining, advise, after_flight};
 use haltere_gap::bank::archive::Shelf;
-use haltere_gap::bank::library::whole;
-use haltere_gap::diagnosis::{Diagnosis, observed};
+use haltere_gap::diagnosis::observed;
+use haltere_gap::door::{Flights, Opened, each_once, open, remaining, same_survey};
 use haltere_gap::flight::logs::{self, Flown};
 use haltere_gap::nominal::Nominal;
 use haltere_gap::scene::{Scene, Told};
-use haltere_model::effects::EffectSpec;
 
 /// Ranks manoeuvres and bench actions by how well they would tell apart what a diagnosis did not rule
 /// out, and what they would make testable.
@@ -31,14 +29,14 @@ use haltere_model::effects::EffectSpec;
 /// the resolution is set against the intervals of the parameters. Takes the JSON of a report, or logs, of
 /// which the first is then diagnosed.
 #[derive(Debug, Args)]
-pub(super) struct Advise {
+pub(in crate::cli) struct Advise {
     /// Report of `gap diagnose` as JSON, or flight logs.
     #[arg(required_unless_present = "list", value_name = "REPORT.json|LOG")]
     inputs: Vec<PathBuf>,
     #[command(flatten)]
     which: WhichFlight,
     #[command(flatten)]
-    references: References,
+    references: ReferenceOptions,
     /// The log behind the report, if it has moved.
     #[arg(long, value_name = "LOG")]
     log: Option<PathBuf>,
@@ -77,7 +75,14 @@ impl Advise {
                 self.report_of(report, &mut told)?
             }
             [first, ..] => {
-                match open(first, self.which, &[], &self.references, &self.told, &self.options)? {
+                let flights = Flights {
+                    log: first.clone(),
+                    flight: self.which.number(),
+                    held_out: Vec::new(),
+                };
+                let simulator = simulator(&self.told, &self.options)?;
+                let references = self.references.references();
+                match open(&flights, &simulator, &references, &Terminal::default())? {
                     Opened::Fault(diagnosis) => {
                         anyhow::bail!("{}: {}", diagnosis.log, diagnosis.verdict)
                     }
@@ -166,7 +171,7 @@ impl Advise {
         if let Some(fault) = second.faults.first() {
             anyhow::bail!("{}: {fault}", path.display());
         }
-        super::gap_session::same_survey(&second, first)?;
+        same_survey(&second, first)?;
         each_once(&[first, &second])?;
         let items = second.mission.clone();
         if items.is_empty() {
@@ -201,28 +206,6 @@ impl Advise {
         }
         Ok(ExitCode::SUCCESS)
     }
-}
-
-/// What a diagnosis left open.
-pub(super) fn remaining(d: &Diagnosis) -> Remaining {
-    let spec = |id: &str| whole().into_iter().find(|s| s.id == id);
-    let candidates = d.attribution.as_ref().map_or(&[][..], |a| &a.candidates[..]);
-    // What is not in the library is not told apart by effects of the library.
-    let hypotheses = candidates
-        .iter()
-        .filter(|_| d.outcome.is_explained())
-        .filter_map(|c| {
-            Some(Hypothesis {
-                spec: spec(&c.id)?,
-                probability: c.posterior,
-                theta: c.theta.clone(),
-                theta_90: c.theta_90.clone(),
-            })
-        })
-        .collect();
-    let untested: Vec<&'static EffectSpec> =
-        d.not_testable.iter().filter_map(|id| spec(id)).collect();
-    Remaining::new(hypotheses, &d.set, untested)
 }
 
 fn write_missions(

@@ -7,10 +7,10 @@ use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 
-use super::gap::RoomOptions;
-use super::gap_report::Report;
-use super::which_flight::WhichFlight;
-use super::{print, print_json};
+use super::RoomOptions;
+use super::report::Report;
+use crate::cli::which_flight::WhichFlight;
+use crate::cli::{print, print_json};
 use crate::progress::Progress;
 use haltere_core::frames::Vec3;
 use haltere_core::measure::AnchorId;
@@ -28,7 +28,7 @@ use haltere_model::effects::EffectSpec;
 /// `haltere gap undo FILE` takes it back. One run accepts one report; run it with the file of each kind that
 /// you want changed.
 #[derive(Debug, Args)]
-pub(super) struct Accept {
+pub(in crate::cli) struct Accept {
     /// Report of `gap diagnose` as JSON.
     report: PathBuf,
     /// Which effect, where the report could not tell some apart, or another of its candidates.
@@ -64,7 +64,7 @@ pub(super) struct Accept {
 
 /// Takes the newest change by `gap accept` to a file back. Refuses when the file was edited since.
 #[derive(Debug, Args)]
-pub(super) struct Undo {
+pub(in crate::cli) struct Undo {
     /// The file.
     file: PathBuf,
     /// Says what would change, and changes nothing.

@@ -1,5 +1,18 @@
 //! `haltere gap`: one variant, one line in `run` and one file beside this one per subcommand.
 
+mod accept;
+mod advise;
+mod attribute;
+mod bank;
+mod budget;
+mod commission;
+mod diagnose;
+mod missions;
+mod observe;
+mod report;
+mod shrink;
+mod terminal;
+
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -9,16 +22,13 @@ use clap::{Args, Subcommand};
 
 use crate::vehicles;
 
-use super::{
-    gap_accept, gap_advise, gap_attribute, gap_bank, gap_budget, gap_commission, gap_diagnose,
-    gap_missions, gap_observe, gap_shrink,
-};
-pub use gap_attribute::read as observed_flights;
-pub use gap_diagnose::diagnose;
+pub use attribute::read as observed_flights;
+pub use diagnose::diagnose;
 use haltere_core::checks::Problems;
 use haltere_gap::bank::make_bank::BankSize;
 use haltere_gap::bank::workshop::default_folder;
 use haltere_gap::bank::{LEAST_DRAWS, LEAST_NULLS};
+use haltere_gap::door::{References, Simulator};
 use haltere_gap::scene::Told;
 use haltere_model::Vehicle;
 use haltere_model::effects::EffectSpec;
@@ -28,27 +38,27 @@ use haltere_model::room::Room;
 #[derive(Debug, Subcommand)]
 pub(super) enum Gap {
     /// Says where a flight differs from the simulator, which effect causes it, how far it shrinks.
-    Diagnose(gap_diagnose::Diagnose),
+    Diagnose(diagnose::Diagnose),
     /// Ranks experiments by how well they would tell apart what a diagnosis left open.
-    Advise(gap_advise::Advise),
+    Advise(advise::Advise),
     /// Adds one effect to the simulator and says how far the gap closes on other flights.
-    Shrink(gap_shrink::Shrink),
+    Shrink(shrink::Shrink),
     /// Writes what was found into the files of simulator and vehicle.
-    Accept(gap_accept::Accept),
+    Accept(accept::Accept),
     /// Takes the newest change by `accept` to a file back.
-    Undo(gap_accept::Undo),
+    Undo(accept::Undo),
     /// Finds the constants of a vehicle file with which the simulator flies as accepted flights were flown.
-    Commission(gap_commission::Commission),
+    Commission(commission::Commission),
     /// Says which constants of the vehicle file differ and what share of the gap each closes, without accepted flights.
-    Budget(gap_budget::BudgetCommand),
+    Budget(budget::BudgetCommand),
     /// Flies the bank that flights of a mission are compared with, and keeps it.
-    Bank(gap_bank::BankCommand),
+    Bank(bank::BankCommand),
     /// Prints the statistics of flights, for other methods.
-    Observe(gap_observe::Observe),
+    Observe(observe::Observe),
     /// Attributes flights whose statistics were observed before.
-    Attribute(gap_attribute::Attribute),
+    Attribute(attribute::Attribute),
     /// Writes a standard flight as a mission file.
-    Mission(gap_missions::MissionCommand),
+    Mission(missions::MissionCommand),
 }
 
 impl Gap {
@@ -164,6 +174,38 @@ impl BankOptions {
     }
 }
 
+/// Where accepted flights lie.
+#[derive(Debug, Clone, Args)]
+struct ReferenceOptions {
+    /// Accepted flights of this airframe on the mission of the first log, eight or more: logs, or folders of logs. Of a
+    /// folder those that flew the mission of another log here are taken as `--held-out-reference`, others are left
+    /// out, and it is said which. Those of the mission of another log count there, too. All names that follow are taken, so the log to diagnose comes first.
+    #[arg(long, value_name = "LOG|FOLDER", num_args = 1..)]
+    reference: Vec<PathBuf>,
+    /// Accepted flights of this airframe on the missions of the other logs: logs, or folders of logs.
+    #[arg(long, value_name = "LOG|FOLDER", num_args = 1..)]
+    held_out_reference: Vec<PathBuf>,
+}
+
+impl ReferenceOptions {
+    fn references(&self) -> References {
+        References {
+            same_mission: self.reference.clone(),
+            held_out: self.held_out_reference.clone(),
+        }
+    }
+}
+
+/// What flights are compared with, as these options say.
+fn simulator(told: &SceneOptions, options: &BankOptions) -> anyhow::Result<Simulator> {
+    Ok(Simulator {
+        told: told.told()?,
+        library: options.library()?,
+        size: options.size(),
+        folder: options.folder(),
+    })
+}
+
 /// The room of a flight.
 #[derive(Debug, Clone, Args)]
 pub(super) struct RoomOptions {
@@ -224,9 +266,9 @@ impl RoomOptions {
 #[cfg(test)]
 mod tests {
     use super::*;
-    const GAP: &str = include_str!("../../docs/GAP.md");
-    const GLOSSARY: &str = include_str!("../../docs/GLOSSARY.md");
-    const TUTORIAL: &str = include_str!("../../docs/TUTORIAL_GAP.md");
+    const GAP: &str = include_str!("../../../docs/GAP.md");
+    const GLOSSARY: &str = include_str!("../../../docs/GLOSSARY.md");
+    const TUTORIAL: &str = include_str!("../../../docs/TUTORIAL_GAP.md");
 
     /// Outcomes were eight and nine, the small bank an eighth and a quarter.
     #[test]
