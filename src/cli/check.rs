@@ -6,8 +6,8 @@ use clap::Args;
 use serde::Serialize;
 
 use super::fly::Configuration;
+use super::output::{FAILED, print, print_json};
 use super::style::Style;
-use super::{FAILED, print, print_json};
 use crate::preflight::{self, Finding, Status};
 
 /// Only warnings were found.

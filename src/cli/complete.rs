@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use clap::{Args, Command};
 
-use super::print;
+use super::output::print;
 use haltere_log::written;
 
 /// Prints a completion script.

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use super::print;
+use super::output::print;
 use crate::ctl::{self, Action, Place, Target, Wanted};
 use crate::sources::read_key;
 

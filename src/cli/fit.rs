@@ -9,7 +9,7 @@ use clap::{Args, Subcommand, ValueEnum};
 
 use super::fit_program::ProgramCommand;
 use super::log_export::say_end;
-use super::{print, print_json};
+use super::output::{print, print_json};
 use crate::fit::outcome::{Outcome, Refusal};
 use crate::fit::source::Source;
 use crate::fit::{tell, trim};

@@ -6,7 +6,7 @@ use anyhow::anyhow;
 use clap::{Args, ValueEnum};
 
 use super::fly::Configuration;
-use super::print;
+use super::output::print;
 use crate::fit::programs::{Options, Program, RUNG_S, plan};
 use haltere_core::control::TiltAxis;
 use haltere_model::PlantConfig;

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use anyhow::{Error, anyhow};
 use clap::Args;
 
-use super::FAILED;
+use super::output::FAILED;
 use super::programs::BuiltIn;
 use crate::live::console::{self, Console};
 use crate::live::signals::{ENDED_ARMED, Signals};
@@ -78,7 +78,7 @@ impl Fly {
             .is_ok_and(|loaded| loaded.config.timing.lock_memory)
             .then(realtime::lock_memory);
         let console = Console::start();
-        super::be_nice(nice);
+        super::output::be_nice(nice);
         match locked {
             Some(Ok(())) => tracing::info!("memory locked"),
             Some(Err(why)) => tracing::warn!("{why}"),

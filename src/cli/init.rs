@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use anyhow::{Context as _, anyhow, bail};
 use clap::{Args, ValueEnum};
 
-use super::print;
+use super::output::print;
 use crate::live::usb::serial_devices;
 use crate::preflight::first::{self, Answers};
 use crate::preflight::probe;

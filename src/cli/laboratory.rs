@@ -49,7 +49,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> Option<ExitCode> {
         "haltere: this is `haltere-lab {command}`, and that program does not run beside this one ({failed}): \
          `cargo build --release --workspace` builds it"
     );
-    Some(ExitCode::from(super::FAILED))
+    Some(ExitCode::from(super::output::FAILED))
 }
 
 #[cfg(test)]

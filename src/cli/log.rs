@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::log_export::{Export, Tlog, parse_link};
 use super::log_list::List;
-use super::{print, print_json};
+use super::output::{print, print_json};
 use haltere_core::time::HostTime;
 use haltere_log::record::{
     Decoded, Entry, LogEnd, LogReader, RawInput, recover, recovered_name, trim, trimmed_name,

@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
-use super::{print, print_json};
+use super::output::{print, print_json};
 use haltere_log::export::{Form, create, links, write_tables, write_tlog, write_tum};
 use haltere_log::record::{LogEnd, LogReader};
 use haltere_pilot::LinkId;

@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use clap::Args;
 use serde::Serialize;
 
-use super::{print, print_json};
+use super::output::{print, print_json};
 use crate::progress::Progress;
 use haltere_core::time::HostTime;
 use haltere_log::log_file::{has_log_ending, shown_name};

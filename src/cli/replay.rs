@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use super::{FAILED, print, print_json};
+use super::output::{FAILED, print, print_json};
 use haltere_log::replay;
 
 /// Lives through flights again and says whether the same goes out.

@@ -8,7 +8,7 @@ use anyhow::Context as _;
 use clap::Args;
 
 use super::log_export::say_end;
-use super::print;
+use super::output::print;
 use super::which_flight::{WhichFlight, tell};
 use crate::report::errors::{axis_errors, legs};
 use crate::report::flight::{Flight, ParameterRow};

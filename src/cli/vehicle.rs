@@ -11,7 +11,7 @@ use haltere_model::left_out::LeftOut;
 use haltere_model::vehicle::Battery as VehicleBattery;
 use serde::Serialize;
 
-use super::{print, print_json};
+use super::output::{print, print_json};
 use crate::sources::VehicleKeys;
 use crate::vehicles;
 

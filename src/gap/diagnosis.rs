@@ -61,7 +61,7 @@ pub struct Diagnosis {
     pub flight: Option<LogFlight>,
     /// Key of the outcome.
     pub outcome: Ending,
-    /// The verdict in a line of terms; [`crate::said::first`] says it to anybody.
+    /// The verdict in a line of terms; [`crate::door::in_words`] says it to anybody.
     pub verdict: String,
     /// Why nothing is named, where that has a reason of its own.
     #[serde(skip)]
@@ -239,6 +239,27 @@ pub struct ShrinkResult {
     pub references: usize,
 }
 
+impl ShrinkResult {
+    /// In a line of terms.
+    pub fn words(&self) -> String {
+        let value = self.value.map_or("nothing to shrink".to_owned(), |v| format!("{v:.2}"));
+        let interval = match (self.low, self.high) {
+            (Some(low), Some(high)) => format!(" (95 %: {low:.2} to {high:.2})"),
+            _ => " (no interval: fewer than three held-out flights)".to_owned(),
+        };
+        let more =
+            |name: &str, v: Option<f64>| v.map_or(String::new(), |v| format!(", {name} {v:.2}"));
+        format!(
+            "{value}{interval}: distance {:.2} to {:.2}, floor {:.2}{}{}",
+            self.before,
+            self.after,
+            self.floor,
+            more("best of what was tried", self.attainable),
+            more("median of other effects", self.wrong)
+        )
+    }
+}
+
 /// Least held-out shrink that overrules a refusal: three times what retuning all constants reaches without any effect
 /// (docs/GAP_SCORES.md; judgement).
 const PREDICTS: f64 = 0.3;
@@ -248,6 +269,17 @@ const PREDICTS_NOTHING: f64 = 0.1;
 const LIKELY: f64 = 0.5;
 
 impl Diagnosis {
+    /// What was compared with what.
+    pub fn compared(&self) -> String {
+        let against = match self.references {
+            0 => "the nominal simulator".to_owned(),
+            n => format!("the nominal simulator and {n} reference flights"),
+        };
+        let flight = self.flight.filter(|flight| flight.of > 1);
+        let flight = flight.map_or(String::new(), |flight| format!(", {flight},"));
+        format!("{}{flight} against {against}, replay {}", self.log, self.replay)
+    }
+
     /// Exit code of `haltere gap diagnose`.
     pub fn exit_code(&self) -> u8 {
         self.outcome.exit_code()

@@ -3,7 +3,7 @@
 //! except where it is asked how far the estimate was off.
 //!
 //! ```no_run
-//! use haltere_gap::door::{Flights, Options, References, Simulator, diagnose};
+//! use haltere_gap::door::{Flights, Options, References, Simulator, diagnose, in_words};
 //!
 //! let flights = Flights {
 //!     log: "bad/diagnostic-101.mcap".into(),
@@ -12,7 +12,7 @@
 //! };
 //! let references = References { same_mission: vec!["good".into()], ..References::default() };
 //! let diagnosis = diagnose(&flights, &Simulator::default(), &references, &Options::default())?;
-//! println!("{}", haltere_gap::said::first(&diagnosis));
+//! println!("{}", in_words(&diagnosis));
 //! # Ok::<(), haltere_gap::door::Refused>(())
 //! ```
 //!
@@ -20,8 +20,8 @@
 //! `flight::residuals` one channel a file, [`flight::statistics`] its numbers. What it is held against: [`scene`] room, vehicle and
 //! companion, [`bank::library`] and [`bank::make_bank`] the simulated flights, where every effect flies beside a twin without it,
 //! [`bank::workshop`] what is kept on disk. What is said: [`attribute`] which effect, [`places`] where, [`shrink`] how far,
-//! [`advice`] what to fly next, [`said`] all of it in plain words, [`accept`] what is written back, [`commission`] the constants with
-//! which the simulator flies as accepted flights were flown. [`door`] leads through all of it.
+//! [`advice`] what to fly next, [`said`] the sentence of an effect, [`accept`] what is written back, [`commission`] the constants with
+//! which the simulator flies as accepted flights were flown. [`door`] leads through all of it and says it in plain words.
 
 pub mod accept;
 pub mod advice;

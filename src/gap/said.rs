@@ -1,164 +1,16 @@
-//! What was found, as sentences that anybody can read: sizes in percent and in what a ruler or a kitchen scale shows,
-//! directions in words.
+//! What was found of an effect, as a sentence that anybody can read: sizes in percent and in what a ruler or a kitchen scale
+//! shows, directions in words.
 //!
-//! The words of an effect stand with it ([`haltere_model::effects::Deviation::verdict`]); here the numbers are put into them,
-//! and [`first`] says all of a diagnosis that a reader in a hurry needs.
+//! The words stand with the effect ([`haltere_model::effects::Deviation::verdict`]); here the numbers are put into them.
 
-use crate::advice::experiments::telling_apart;
-use crate::bank::library::find;
-use crate::diagnosis::{Diagnosis, Effect, ShrinkResult};
-use crate::outcome::Ending;
 use haltere_core::measure::AnchorId;
-use haltere_model::effects::{Axis, Block, Choice, EffectSpec, Kind, ParameterSpec};
+use haltere_model::effects::{Axis, Choice, EffectSpec, Kind, ParameterSpec};
 
 /// Winds, clockwise from north, every 45 degrees.
 const WINDS: [&str; 8] =
     ["north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"];
 /// Walls as they are counted.
 const WALLS: [&str; 4] = ["north", "east", "south", "west"];
-
-/// How a diagnosis ends, what it rests on and what to do next: what a person reads first.
-pub fn first(d: &Diagnosis) -> String {
-    match d.outcome {
-        Ending::NoGap => no_gap(d),
-        Ending::Named | Ending::NamedWithRemainder | Ending::Several => acting(d),
-        Ending::OneOf => one_of(d),
-        Ending::NotInLibrary => format!(
-            "This flight differs from the simulator, and no known effect explains it. {}",
-            rest(d).unwrap_or_default()
-        )
-        .trim_end()
-        .to_owned(),
-        Ending::Budget => format!(
-            "The vehicle is not as its file says: {}. Next: take the constants below into the vehicle file.",
-            d.why
-        ),
-        Ending::NotTestable => format!("This flight cannot be judged: {}.", d.why),
-        Ending::Fault => format!("This log cannot be trusted: {}.", d.why),
-    }
-}
-
-fn no_gap(d: &Diagnosis) -> String {
-    let nothing = "This flight is as the simulator says, within what flights without a gap scatter by: \
-                   there is nothing to do.";
-    match d.not_testable.len() {
-        0 => nothing.to_owned(),
-        n => format!("{nothing} {n} of the known effects would not have shown on it."),
-    }
-}
-
-/// Effects that are named, each with its size.
-fn acting(d: &Diagnosis) -> String {
-    let mut told: Vec<String> = Vec::new();
-    if d.outcome == Ending::Several {
-        told.push("Several things differ at once.".to_owned());
-    }
-    told.extend(d.effects.iter().map(|e| e.said.clone()));
-    let since = d.picture.as_ref().filter(|p| p.onset.at_s.is_some());
-    told.extend(since.map(|p| format!("It is so {}.", p.onset.words())));
-    told.extend(d.shrink.as_ref().and_then(|s| closes(d, s)));
-    if d.outcome == Ending::NamedWithRemainder {
-        told.extend(rest(d));
-    }
-    let least = d.effects.iter().map(|e| e.probability).fold(1.0, f64::min);
-    // No sum over what was tried is surer than this.
-    let sure = (100.0 * least).min(99.0);
-    told.push(format!("Sure to {sure:.0} %."));
-    let both = d.effects.len() > 1;
-    let of = |e: &Effect, text: &str| match both {
-        true => format!("{}: {text}", e.name),
-        false => text.to_owned(),
-    };
-    let rows: Vec<_> =
-        d.effects.iter().filter_map(|e| Some((e, find(&e.id)?.deviation()?))).collect();
-    let causes: Vec<String> = rows.iter().map(|(e, row)| of(e, row.causes)).collect();
-    let remedies: Vec<String> = rows.iter().map(|(e, row)| of(e, row.remedy)).collect();
-    if !rows.is_empty() {
-        told.push(format!("Usual causes: {}.", causes.join("; ")));
-        told.push(format!(
-            "Next: {}; or put it into the simulator with `haltere gap accept`.",
-            remedies.join("; ")
-        ));
-    }
-    told.join(" ")
-}
-
-/// What other flights say.
-fn closes(d: &Diagnosis, s: &ShrinkResult) -> Option<String> {
-    let flights = match s.flights {
-        0 => return None,
-        1 => "one other flight".to_owned(),
-        n => format!("{n} other flights"),
-    };
-    let Some(value) = s.value else {
-        return Some(format!("On {flights} there is no gap to close."));
-    };
-    let percent = |share: f64| format!("{:.0} %", 100.0 * share.clamp(0.0, 1.0));
-    // Sums that hold what is named are no rivals of it.
-    let others = s.others.iter().filter(|(name, _)| !name.contains('+'));
-    let best = others.filter_map(|(id, v)| Some((id, (*v)?))).max_by(|a, b| a.1.total_cmp(&b.1));
-    let rival = match best {
-        None => String::new(),
-        Some((_, other)) if other <= value => {
-            format!("; nothing else that was tried closes more than {}", percent(other))
-        }
-        Some((id, other)) => format!("; but {} closes {}", name(id), percent(other)),
-    };
-    let once = if d.effects.len() > 1 { "once these are added" } else { "once this is added" };
-    Some(format!("On {flights} the gap closes by {} {once}{rival}.", percent(value)))
-}
-
-/// Alternatives, and what tells them apart.
-fn one_of(d: &Diagnosis) -> String {
-    let all: Vec<String> =
-        d.effects.iter().map(|e| format!("{} ({:.0} %)", e.name, 100.0 * e.probability)).collect();
-    let next = match telling_apart(&d.set).first() {
-        Some(e) => format!("{}: {}", e.title, e.how.trim_end_matches('.')),
-        None => "`haltere gap advise` looks for the flight that does".to_owned(),
-    };
-    format!(
-        "Either {}: this flight does not tell them apart. To tell them apart: {next}.",
-        all.join(", or ")
-    )
-}
-
-/// How far the best explanation goes, and where the rest shows.
-fn rest(d: &Diagnosis) -> Option<String> {
-    let explained = d.explained.as_ref()?;
-    let by: Vec<&str> = explained.by.iter().map(|id| name(id)).collect();
-    let by = if d.effects.is_empty() {
-        format!("The best of them, {},", by.join(" and "))
-    } else {
-        "It".to_owned()
-    };
-    let share = 100.0 * (1.0 - explained.left.share).clamp(0.0, 1.0);
-    let place = place(&explained.left.block);
-    Some(format!("{by} explains {share:.0} % of the gap; the rest shows mostly in {place}."))
-}
-
-fn name(id: &str) -> &str {
-    find(id).map_or(id, |spec| spec.name)
-}
-
-/// A block of the chain in words.
-fn place(block: &str) -> &str {
-    let of_name = Block::CHAIN.into_iter().find(|b| b.name() == block);
-    match of_name {
-        None => "no single place",
-        Some(Block::Mission) => "how the mission was flown",
-        Some(Block::Controller) => "what the controller asked for",
-        Some(Block::Link) => "the way of the commands to the board",
-        Some(Block::InnerLoop) => "the board's attitude loop",
-        Some(Block::Actuators) => "the servos",
-        Some(Block::Thrust) => "the thrust",
-        Some(Block::Aerodynamics) => "the forces of the air",
-        Some(Block::Battery) => "the battery",
-        Some(Block::Imu) => "the accelerometer and the gyroscope",
-        Some(Block::Uwb) => "the UWB measurements",
-        Some(Block::Estimator) => "the estimate",
-        Some(Block::Timing) => "the times at which messages come",
-    }
-}
 
 /// The verdict on an effect as a sentence with what is known of its sizes. `theta`: its parameters, in the
 /// order of the specification, with central 90 %; `anchors`: those of the survey, ascending id.
@@ -336,9 +188,7 @@ fn joined(parts: &[String]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bank::library::whole;
-    use crate::diagnosis::Explained;
-    use crate::outcome::Remainder;
+    use crate::bank::library::{find, whole};
 
     fn anchors() -> Vec<AnchorId> {
         (10..18).map(AnchorId).collect()
@@ -456,108 +306,6 @@ mod tests {
                 }
             }
         }
-    }
-
-    fn effect(id: &str, probability: f64, said: &str) -> Effect {
-        let name = name(id).to_owned();
-        Effect { id: id.into(), name, probability, said: said.into(), parameters: Vec::new() }
-    }
-
-    /// A gap of which 26 % is left in the UWB measurements, and three flights on which 73 % closes.
-    fn diagnosis(outcome: Ending, effects: &[(&str, f64, &str)]) -> Diagnosis {
-        let effects: Vec<_> = effects.iter().map(|(id, p, text)| effect(id, *p, text)).collect();
-        let left = Remainder { share: 0.26, block: "uwb".into(), statistics: Vec::new() };
-        let explained = Explained { by: vec!["P1".into()], share: 0.74, foretold: 0.6, left };
-        let shrink = ShrinkResult {
-            value: Some(0.73),
-            flights: 3,
-            others: vec![
-                ("I1".into(), Some(0.28)),
-                ("P2".into(), None),
-                ("P1 + I1".into(), Some(0.9)),
-            ],
-            ..ShrinkResult::default()
-        };
-        Diagnosis {
-            outcome,
-            set: effects.iter().map(|e| e.id.clone()).collect(),
-            effects,
-            explained: Some(explained),
-            shrink: Some(shrink),
-            why: "it never moved".into(),
-            ..Diagnosis::default()
-        }
-    }
-
-    #[test]
-    fn golden_every_outcome_is_said_to_anybody() {
-        let (thrust, heavy) = ("Thrust is 10 % lower.", "The vehicle is 6 g heavier.");
-        let p1 = find("P1").and_then(EffectSpec::deviation).unwrap();
-        let i1 = find("I1").and_then(EffectSpec::deviation).unwrap();
-        let [thrust_of, heavy_of] = ["P1", "I1"].map(name);
-        let one = &[("P1", 0.999, thrust)][..];
-        let two = &[("P1", 0.6, thrust), ("I1", 0.4, heavy)][..];
-        let closes = "On 3 other flights the gap closes by 73 % once this is added; nothing else that \
-                      was tried closes more than 28 %.";
-        let left = "explains 74 % of the gap; the rest shows mostly in the UWB measurements.";
-        let after = format!(
-            "Usual causes: {}. Next: {}; or put it into the simulator with `haltere gap accept`.",
-            p1.causes, p1.remedy
-        );
-        for (outcome, effects, want) in [
-            (
-                Ending::NoGap,
-                &[][..],
-                "This flight is as the simulator says, within what flights without a gap scatter by: \
-                 there is nothing to do."
-                    .to_owned(),
-            ),
-            (Ending::Named, one, format!("{thrust} {closes} Sure to 99 %. {after}")),
-            (
-                Ending::NamedWithRemainder,
-                one,
-                format!("{thrust} {closes} It {left} Sure to 99 %. {after}"),
-            ),
-            (
-                Ending::Several,
-                two,
-                format!(
-                    "Several things differ at once. {thrust} {heavy} {} Sure to 40 %. Usual causes: \
-                     {thrust_of}: {}; {heavy_of}: {}. Next: {thrust_of}: {}; {heavy_of}: {}; or put it into \
-                     the simulator with `haltere gap accept`.",
-                    closes.replace("this is", "these are"),
-                    p1.causes,
-                    i1.causes,
-                    p1.remedy,
-                    i1.remedy
-                ),
-            ),
-            (
-                Ending::NotInLibrary,
-                &[],
-                format!(
-                    "This flight differs from the simulator, and no known effect explains it. The best of \
-                     them, {thrust_of}, {left}"
-                ),
-            ),
-            (
-                Ending::Budget,
-                &[],
-                "The vehicle is not as its file says: it never moved. Next: take the constants below \
-                 into the vehicle file."
-                    .to_owned(),
-            ),
-            (Ending::NotTestable, &[], "This flight cannot be judged: it never moved.".to_owned()),
-            (Ending::Fault, &[], "This log cannot be trusted: it never moved.".to_owned()),
-        ] {
-            assert_eq!(first(&diagnosis(outcome, effects)), want);
-        }
-        let either = first(&diagnosis(Ending::OneOf, two));
-        let want = format!(
-            "Either {thrust_of} (60 %), or {heavy_of} (40 %): this flight does not tell them apart. To tell \
-             them apart: "
-        );
-        assert!(either.starts_with(&want), "{either}");
     }
 
     #[test]

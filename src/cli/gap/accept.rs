@@ -7,10 +7,10 @@ use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 
-use super::RoomOptions;
+use super::options::RoomOptions;
 use super::report::Report;
+use crate::cli::output::{print, print_json};
 use crate::cli::which_flight::WhichFlight;
-use crate::cli::{print, print_json};
 use crate::progress::Progress;
 use haltere_core::frames::Vec3;
 use haltere_core::measure::AnchorId;
@@ -28,7 +28,7 @@ use haltere_model::effects::EffectSpec;
 /// `haltere gap undo FILE` takes it back. One run accepts one report; run it with the file of each kind that
 /// you want changed.
 #[derive(Debug, Args)]
-pub(in crate::cli) struct Accept {
+pub struct Accept {
     /// Report of `gap diagnose` as JSON.
     report: PathBuf,
     /// Which effect, where the report could not tell some apart, or another of its candidates.
@@ -64,7 +64,7 @@ pub(in crate::cli) struct Accept {
 
 /// Takes the newest change by `gap accept` to a file back. Refuses when the file was edited since.
 #[derive(Debug, Args)]
-pub(in crate::cli) struct Undo {
+pub struct Undo {
     /// The file.
     file: PathBuf,
     /// Says what would change, and changes nothing.

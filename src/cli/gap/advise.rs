@@ -7,11 +7,11 @@ use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 
+use super::options::{BankOptions, ReferenceOptions, SceneOptions, simulator};
 use super::report::Report;
 use super::terminal::Terminal;
-use super::{BankOptions, ReferenceOptions, SceneOptions, simulator};
+use crate::cli::output::{print, print_json};
 use crate::cli::which_flight::{WhichFlight, tell};
-use crate::cli::{print, print_json};
 use crate::progress::Progress;
 use haltere_gap::advice::experiments::{EXPERIMENTS, Means, find};
 use haltere_gap::advice::{Advice, Effort, Remaining, advise, after_flight};
@@ -29,7 +29,7 @@ use haltere_gap::scene::{Scene, Told};
 /// the resolution is set against the intervals of the parameters. Takes the JSON of a report, or logs, of
 /// which the first is then diagnosed.
 #[derive(Debug, Args)]
-pub(in crate::cli) struct Advise {
+pub struct Advise {
     /// Report of `gap diagnose` as JSON, or flight logs.
     #[arg(required_unless_present = "list", value_name = "REPORT.json|LOG")]
     inputs: Vec<PathBuf>,

@@ -8,7 +8,7 @@ use anyhow::{Context as _, bail};
 use clap::Args;
 use serde_json::{Value, json};
 
-use crate::cli::print;
+use crate::cli::output::print;
 use haltere_core::measure::AnchorId;
 use haltere_gap::attribute::{Attributor, Settings};
 use haltere_gap::bank::bank_file;
@@ -21,7 +21,7 @@ use haltere_model::effects::Block;
 /// Flights are lines as `haltere gap observe` and `haltere-lab detectable --labelled` write them. Each comes back
 /// with its own fields, the statistics left out, and with what the diagnosis says of it and where.
 #[derive(Debug, Args)]
-pub(in crate::cli) struct Attribute {
+pub struct Attribute {
     /// A bank of the same mission (`haltere gap bank`).
     bank: PathBuf,
     /// Flights to judge.

@@ -7,9 +7,9 @@ use std::time::Instant;
 use clap::Args;
 use serde_json::json;
 
-use super::{BankOptions, SceneOptions};
+use super::options::{BankOptions, SceneOptions};
+use crate::cli::output::{print, print_json};
 use crate::cli::which_flight::{WhichFlight, tell};
-use crate::cli::{print, print_json};
 use crate::progress::Progress;
 use haltere_gap::bank::missions;
 use haltere_gap::bank::workshop::Workshop;
@@ -21,7 +21,7 @@ use haltere_log::written;
 ///
 /// Without a log: the standard diagnostic flight in the standard room.
 #[derive(Debug, Args)]
-pub(in crate::cli) struct BankCommand {
+pub struct BankCommand {
     /// A flight of the mission.
     log: Option<PathBuf>,
     #[command(flatten)]

@@ -7,9 +7,9 @@ use std::time::Instant;
 
 use clap::Args;
 
-use super::SceneOptions;
+use super::options::SceneOptions;
 use super::terminal::Terminal;
-use crate::cli::{print, print_json};
+use crate::cli::output::{print, print_json};
 use crate::report::gap::budget::{self as page, number};
 use haltere_gap::commission::budget::{Budget, budget};
 use haltere_gap::door::{Audience as _, of_one_mission};
@@ -24,7 +24,7 @@ use haltere_log::written;
 ///
 /// Exit codes: 0 no gap, 15 a budget, 20 not testable.
 #[derive(Debug, Args)]
-pub(in crate::cli) struct BudgetCommand {
+pub struct BudgetCommand {
     /// Flights of one mission: logs, or folders of logs.
     #[arg(required = true, value_name = "LOG|FOLDER")]
     logs: Vec<PathBuf>,

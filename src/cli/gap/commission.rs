@@ -9,9 +9,9 @@ use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 
-use super::SceneOptions;
+use super::options::SceneOptions;
 use super::terminal::Terminal;
-use crate::cli::{print, print_json};
+use crate::cli::output::{print, print_json};
 use crate::report::gap::budget::number;
 use crate::vehicles;
 use haltere_gap::accept::accepted;
@@ -30,7 +30,7 @@ const NOT_YET: u8 = 20;
 /// Each constant has a 90 % interval; what the flights do not show stays as the file says. The new file is written beside yours; it
 /// says how near the simulator now comes to accepted flights that it was not fitted to. Exit code 20: it does not come near enough.
 #[derive(Debug, Args)]
-pub(in crate::cli) struct Commission {
+pub struct Commission {
     /// Accepted flights of one mission, eight or more: logs, or folders of logs.
     #[arg(required = true, value_name = "LOG|FOLDER")]
     references: Vec<PathBuf>,

@@ -9,17 +9,17 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 use clap::{Args, Parser};
 
+use super::budget;
+use super::options::{BankOptions, ReferenceOptions, SceneOptions, simulator};
 use super::terminal::Terminal;
-use super::{BankOptions, ReferenceOptions, SceneOptions, budget, simulator};
+use crate::cli::output::{print, print_json};
 use crate::cli::which_flight::WhichFlight;
-use crate::cli::{print, print_json};
 use crate::progress;
 use crate::report::{gap as page, truth};
 use haltere_gap::bank::workshop;
-use haltere_gap::diagnosis::{Diagnosis, Part};
+use haltere_gap::diagnosis::{Diagnosis, Part, ShrinkResult};
 use haltere_gap::door::{self, Flights, Options, Truth};
 use haltere_gap::flight::beside_truth::BesideTruth;
-use haltere_gap::said;
 use haltere_log::written;
 
 /// Says where a flight differs from the nominal simulator, which effect causes it, and how far the
@@ -37,7 +37,7 @@ use haltere_log::written;
 /// Exit codes: 0 no gap, 10 named, 11 one of a set, 12 several, 13 not in the library, 14 named with
 /// a remainder, 15 a budget, 20 not testable, 30 log or replay fault.
 #[derive(Debug, Args)]
-pub(in crate::cli) struct Diagnose {
+pub struct Diagnose {
     /// Flight logs of the companion.
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
@@ -190,14 +190,8 @@ impl Diagnose {
 fn text(d: &Diagnosis) -> String {
     use std::fmt::Write;
     let mut out = String::new();
-    let against = match d.references {
-        0 => "the nominal simulator".to_owned(),
-        n => format!("the nominal simulator and {n} reference flights"),
-    };
-    let flight = d.flight.filter(|flight| flight.of > 1);
-    let flight = flight.map_or(String::new(), |flight| format!(", {flight},"));
-    let _ = writeln!(out, "{}\n\nHow it was found:", said::first(d));
-    let _ = writeln!(out, "GAP REPORT  {}{flight} against {against}, replay {}", d.log, d.replay);
+    let _ = writeln!(out, "{}\n\nHow it was found:", door::in_words(d));
+    let _ = writeln!(out, "GAP REPORT  {}", d.compared());
     let _ = writeln!(out, "VERDICT     {}", d.verdict);
     if d.references == 0 {
         let _ = writeln!(
@@ -244,30 +238,9 @@ fn text(d: &Diagnosis) -> String {
             );
         }
     }
-    match &d.shrink {
-        None => {
-            let _ = writeln!(out, "SHRINK      not measured: needs a held-out flight");
-        }
-        Some(s) => {
-            let interval = match (s.low, s.high) {
-                (Some(low), Some(high)) => format!(" (95 %: {low:.2} to {high:.2})"),
-                _ => " (no interval: fewer than three held-out flights)".to_owned(),
-            };
-            let value = s.value.map_or("nothing to shrink".to_owned(), |v| format!("{v:.2}"));
-            let more = |name: &str, v: Option<f64>| {
-                v.map_or(String::new(), |v| format!(", {name} {v:.2}"))
-            };
-            let _ = writeln!(
-                out,
-                "SHRINK      {value}{interval}: distance {:.2} to {:.2}, floor {:.2}{}{}",
-                s.before,
-                s.after,
-                s.floor,
-                more("attainable", s.attainable),
-                more("other effects", s.wrong)
-            );
-        }
-    }
+    let shrink = d.shrink.as_ref().map(ShrinkResult::words);
+    let shrink = shrink.unwrap_or_else(|| "not measured: needs a held-out flight".to_owned());
+    let _ = writeln!(out, "SHRINK      {shrink}");
     if let Some(p) = d.picture.as_ref().filter(|_| d.outcome.is_gap()) {
         let _ = writeln!(out, "SINCE       {}", p.onset.words());
     }

@@ -4,8 +4,8 @@ use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
 
-use super::RoomOptions;
-use crate::cli::print;
+use super::options::RoomOptions;
+use crate::cli::output::print;
 use haltere_gap::bank::missions;
 use haltere_gap::scene::Scene;
 
@@ -13,7 +13,7 @@ use haltere_gap::scene::Scene;
 ///
 /// Fly it with `haltere ctl mission`, or in the simulator with `haltere-sim fly`.
 #[derive(Debug, Args)]
-pub(in crate::cli) struct MissionCommand {
+pub struct MissionCommand {
     /// Which.
     #[arg(value_enum)]
     which: Which,

@@ -7,8 +7,8 @@ use clap::Args;
 use rayon::prelude::*;
 use serde_json::json;
 
-use super::SceneOptions;
-use crate::cli::print;
+use super::options::SceneOptions;
+use crate::cli::output::print;
 use crate::cli::which_flight::WhichFlight;
 use haltere_gap::diagnosis::observed;
 use haltere_gap::flight::logs;
@@ -20,7 +20,7 @@ use haltere_gap::nominal::Nominal;
 /// The same numbers are in a bank (`haltere gap bank --export`), so that other methods can be set
 /// beside this one on equal terms.
 #[derive(Debug, Args)]
-pub(in crate::cli) struct Observe {
+pub struct Observe {
     /// Flight logs of the companion.
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,

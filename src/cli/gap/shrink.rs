@@ -6,10 +6,10 @@ use std::process::ExitCode;
 use clap::Args;
 use serde_json::json;
 
+use super::options::{BankOptions, ReferenceOptions, SceneOptions, simulator};
 use super::terminal::Terminal;
-use super::{BankOptions, ReferenceOptions, SceneOptions, simulator};
+use crate::cli::output::{print, print_json};
 use crate::cli::which_flight::{WhichFlight, tell};
-use crate::cli::{print, print_json};
 use haltere_gap::bank::library::{self, whole};
 use haltere_gap::diagnosis::observed;
 use haltere_gap::door::{self, Audience as _, Flights, Opened, Session, each_once, open};
@@ -24,7 +24,7 @@ use haltere_model::effects::EffectSpec;
 /// which the fit does not see. Beside it stand the floor (two flights of the same model), the best that any
 /// explanation reached, and effects that are not the cause as control.
 #[derive(Debug, Args)]
-pub(in crate::cli) struct Shrink {
+pub struct Shrink {
     /// The effect, with values where it is not to be fitted: `P1`, `P1=0.08`, `U2=bias:0.2,anchor:3`.
     #[arg(long, value_name = "ID[=VALUE,…]")]
     effect: String,

@@ -2,136 +2,32 @@
 //!
 //! [`diagnose`] does all of it; [`open`] stops before the verdict, for who asks the simulator something else about a flight.
 
+mod asked;
 mod references;
 mod session;
+mod words;
 
-use std::path::PathBuf;
+use std::path::Path;
 
 use crate::advice::{Effort, Hypothesis, Remaining, advise};
 use crate::bank::archive::Shelf;
 use crate::bank::library;
-use crate::bank::make_bank::BankSize;
-use crate::bank::workshop::{WorkshopError, default_folder};
-use crate::commission::NotCommissioned;
 use crate::commission::budget::budget;
 use crate::diagnosis::{Advised, Diagnosis, ShrinkResult};
-use crate::flight::beside_truth::{BesideTruth, NoTruth, TruePoint, beside_truth};
+use crate::flight::beside_truth::{BesideTruth, beside_truth};
 use crate::outcome::Ending;
 use crate::picture::details::details;
 use crate::picture::picture;
-use crate::scene::{Scene, Told};
-use crate::shrink::held_out::{Explanation, NotMeasured, measure};
-use haltere_log::record::LogFlight;
-use haltere_log::replay::ReplayError;
+use crate::scene::Scene;
+use crate::shrink::held_out::{Explanation, measure};
+pub use asked::{Audience, Flights, Options, References, Refused, Simulator, Truth, say_which};
 use haltere_model::effects::EffectSpec;
-pub use references::{Accepted, each_once, of_one_mission, read};
-pub use session::{Opened, Session, open, same_survey};
+pub use references::{Accepted, each_once, of_one_mission, read, same_survey};
+pub use session::{Opened, Session, open};
+pub use words::in_words;
 
 /// Effects that are not named and flown as control.
 const RIVALS: usize = 5;
-
-/// The flights that are judged.
-#[derive(Debug, Clone, Default)]
-pub struct Flights {
-    /// The log that is diagnosed.
-    pub log: PathBuf,
-    /// Which flight in it, from 1; `None`: the last.
-    pub flight: Option<usize>,
-    /// Flights that the fit does not see: on them it is measured how far the gap closes.
-    pub held_out: Vec<PathBuf>,
-}
-
-/// What flights are compared with.
-#[derive(Debug, Clone)]
-pub struct Simulator {
-    /// Room and vehicle that it flies.
-    pub told: Told,
-    /// Effects that can be named.
-    pub library: Vec<&'static EffectSpec>,
-    /// Flights in its bank.
-    pub size: BankSize,
-    /// Where banks are kept.
-    pub folder: PathBuf,
-}
-
-impl Default for Simulator {
-    fn default() -> Self {
-        Self {
-            told: Told::default(),
-            library: library::standard(),
-            size: BankSize::default(),
-            folder: default_folder(),
-        }
-    }
-}
-
-/// Accepted flights of the same airframe: logs, or folders of logs.
-#[derive(Debug, Clone, Default)]
-pub struct References {
-    /// On the mission of the flight that is judged, eight or more; those of the mission of a held-out flight count there, too.
-    pub same_mission: Vec<PathBuf>,
-    /// On the missions of the held-out flights.
-    pub held_out: Vec<PathBuf>,
-}
-
-/// What is wanted beside the verdict, and who is told how far it is.
-#[derive(Clone, Copy)]
-pub struct Options<'a> {
-    /// Cells, onset, floor plan and signature.
-    pub picture: bool,
-    /// Experiments that would tell apart what is left open; takes about as long as everything else.
-    pub advice: bool,
-    /// Where the flight truly was; it is compared with the estimate and decides nothing.
-    pub truth: Option<&'a Truth>,
-    /// Who waits.
-    pub audience: &'a dyn Audience,
-}
-
-impl Default for Options<'_> {
-    fn default() -> Self {
-        Self { picture: false, advice: false, truth: None, audience: &() }
-    }
-}
-
-/// Where the truth of a flight stands.
-#[derive(Debug, Clone)]
-pub enum Truth {
-    /// In the log: motion capture.
-    Captured,
-    /// In a file of this name.
-    File(Vec<TruePoint>, String),
-}
-
-/// Who waits for a diagnosis.
-pub trait Audience: Sync {
-    /// So many steps of a stage are done, of how many.
-    fn at(&self, _stage: &'static str, _done: usize, _of: usize) {}
-    /// What a person may want to know: which flight of a log, which references count.
-    fn say(&self, _line: &str) {}
-}
-
-impl Audience for () {}
-
-/// Why there is no diagnosis.
-#[derive(Debug, thiserror::Error)]
-#[allow(missing_docs)]
-pub enum Refused {
-    /// What was given does not fit together.
-    #[error("{0}")]
-    Given(String),
-    #[error(transparent)]
-    Log(#[from] ReplayError),
-    #[error(transparent)]
-    Bank(#[from] WorkshopError),
-    #[error(transparent)]
-    Learn(#[from] crate::attribute::AttributeError),
-    #[error(transparent)]
-    NotCommissioned(#[from] NotCommissioned),
-    #[error(transparent)]
-    NotMeasured(#[from] NotMeasured),
-    #[error(transparent)]
-    NoTruth(#[from] NoTruth),
-}
 
 /// Says where a flight differs from the simulator, which effect causes it, and how far the gap closes once that is added.
 ///
@@ -176,17 +72,10 @@ pub fn diagnose(
     Ok(diagnosis)
 }
 
-/// Says which flight of a log was taken, where it holds others too.
-pub fn say_which(audience: &dyn Audience, log: &std::path::Path, flight: Option<LogFlight>) {
-    if let Some(words) = flight.and_then(|flight| flight.words()) {
-        audience.say(&format!("{}: {words}", log.display()));
-    }
-}
-
 /// Asks which constants of the vehicle file differ, by all flights of the mission.
 fn budgeted(session: &Session, diagnosis: &mut Diagnosis, audience: &dyn Audience) {
     let own = &session.seen.flown;
-    let fellows = session.others.iter().filter(|flown| session::same_flight(own, flown).is_ok());
+    let fellows = session.others.iter().filter(|flown| references::same_flight(own, flown).is_ok());
     let flights: Vec<_> = std::iter::once(own).chain(fellows).collect();
     // What differs is told beside the file, also where that is not what flies.
     let scene = Scene { vehicle: session.file.clone(), ..session.scene.clone() };
@@ -320,12 +209,7 @@ pub fn remaining(d: &Diagnosis) -> Remaining {
 }
 
 /// Experiments, where anything is open.
-fn advised(
-    session: &Session,
-    diagnosis: &mut Diagnosis,
-    folder: &std::path::Path,
-    audience: &dyn Audience,
-) {
+fn advised(session: &Session, diagnosis: &mut Diagnosis, folder: &Path, audience: &dyn Audience) {
     if diagnosis.attribution.is_none() {
         return;
     }

@@ -2,8 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::session::{refuse, same_flight};
-use super::{Audience, References, Refused, say_which};
+use super::asked::{Audience, References, Refused, refuse, say_which};
 use crate::flight::logs::{self, Flown};
 use haltere_log::log_file::has_log_ending;
 
@@ -34,7 +33,7 @@ impl References {
 /// Reads them. A log that was named and does not fit is an error; one of a folder is left out.
 ///
 /// # Errors
-/// As [`super::diagnose`].
+/// [`Refused`].
 pub fn read(
     references: &References,
     first: Option<&Flown>,
@@ -118,7 +117,7 @@ pub fn read(
 /// left out, and it is said.
 ///
 /// # Errors
-/// As [`super::diagnose`].
+/// [`Refused`].
 pub fn of_one_mission(names: &[PathBuf], audience: &dyn Audience) -> Result<Vec<Flown>, Refused> {
     let named = found(names)?;
     let of = named.len();
@@ -200,4 +199,40 @@ fn found(names: &[PathBuf]) -> Result<Vec<Found>, Refused> {
         all.extend(paths.into_iter().map(|path| Found { path, in_folder: true }));
     }
     Ok(all)
+}
+
+/// Two logs can stand beside one another only on one mission among the same anchors.
+pub(super) fn same_flight(one: &Flown, other: &Flown) -> Result<(), Refused> {
+    // Where it is flown to; a companion may be addressed in another way.
+    let items = |f: &Flown| -> Vec<_> {
+        f.mission
+            .iter()
+            .map(|i| (i.command, i.x, i.y, i.z.to_bits(), i.param1.to_bits(), i.param2.to_bits()))
+            .collect()
+    };
+    if items(one) != items(other) {
+        return refuse(format!(
+            "{}: flew another mission ({} items) than {} ({} items); compare flights of one mission",
+            one.path.display(),
+            one.mission.len(),
+            other.path.display(),
+            other.mission.len()
+        ));
+    }
+    same_survey(one, other)
+}
+
+/// Two logs among the same anchors.
+///
+/// # Errors
+/// The names of both, where they are not.
+pub fn same_survey(one: &Flown, other: &Flown) -> Result<(), Refused> {
+    if one.trace.survey != other.trace.survey {
+        return refuse(format!(
+            "{}: was flown with another anchor survey than {}; diagnose each survey by itself",
+            one.path.display(),
+            other.path.display()
+        ));
+    }
+    Ok(())
 }

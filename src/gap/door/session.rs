@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use super::references::{Accepted, each_once, read};
-use super::{Audience, Flights, References, Refused, Simulator, say_which};
+use super::asked::{Audience, Flights, References, Refused, Simulator, refuse, say_which};
+use super::references::{Accepted, each_once, read, same_survey};
 use crate::attribute::{Attributor, Settings};
 use crate::bank::workshop::{Workshop, WorkshopError};
 use crate::commission::{Fitted, NotCommissioned, begun_with, fitted, not_yet};
@@ -60,7 +60,7 @@ pub enum Opened {
 /// Opens a log. Gate 0 comes before any bank is flown.
 ///
 /// # Errors
-/// As [`super::diagnose`].
+/// [`Refused`].
 pub fn open(
     flights: &Flights,
     simulator: &Simulator,
@@ -103,16 +103,7 @@ pub fn open(
     }
     each_once(&std::iter::once(&flown).chain(&others).collect::<Vec<_>>())?;
     let Accepted { first, held_out, copies } = read(references, Some(&flown), &others, audience)?;
-    if (copies > 0 || !first.is_empty()) && first.len() < LEAST_REFERENCES {
-        let copies = match copies {
-            0 => String::new(),
-            n => format!(", beside {n} logs of a flight that is judged or was given already"),
-        };
-        return refuse(format!(
-            "{} reference flights on the mission of {name}{copies}; at least {LEAST_REFERENCES} needed, 20 are better",
-            first.len()
-        ));
-    }
+    enough(&name, &first, copies)?;
     let until_s = flown.scene(&told).until_s;
     if let Some(early) = first.iter().find(|flown| !flown.trace.came_as_far_as(until_s)) {
         return refuse(format!(
@@ -126,12 +117,7 @@ pub fn open(
         told.vehicle = fitted.vehicle.clone();
     }
     let mut scene = flown.scene(&told).for_bank(&flown.mission);
-    let bank_of = |scene: &Scene| {
-        let (scene, items) = (scene.clone(), flown.mission.clone());
-        let tell = |done, of| audience.at("bank", done, of);
-        let Simulator { folder, library, size, .. } = simulator;
-        Workshop::open(folder, scene, items, library.clone(), *size, tell)
-    };
+    let bank_of = |scene: &Scene| bank_of(simulator, scene, &flown, audience);
     let workshop = match bank_of(&scene) {
         Err(not_flown @ WorkshopError::NotFlown { .. }) => {
             let flights: Vec<_> = std::iter::once(&flown.trace).collect();
@@ -166,6 +152,32 @@ pub fn open(
         held_out_references: held_out,
     };
     Ok(Opened::Ready(Box::new(session)))
+}
+
+/// Few accepted flights say nothing about a spread.
+fn enough(name: &str, first: &[Flown], copies: usize) -> Result<(), Refused> {
+    if (copies > 0 || !first.is_empty()) && first.len() < LEAST_REFERENCES {
+        let copies = match copies {
+            0 => String::new(),
+            n => format!(", beside {n} logs of a flight that is judged or was given already"),
+        };
+        return refuse(format!(
+            "{} reference flights on the mission of {name}{copies}; at least {LEAST_REFERENCES} needed, 20 are better",
+            first.len()
+        ));
+    }
+    Ok(())
+}
+
+fn bank_of(
+    simulator: &Simulator,
+    scene: &Scene,
+    flown: &Flown,
+    audience: &dyn Audience,
+) -> Result<Workshop, WorkshopError> {
+    let Simulator { folder, library, size, .. } = simulator;
+    let tell = |done, of| audience.at("bank", done, of);
+    Workshop::open(folder, scene.clone(), flown.mission.clone(), library.clone(), *size, tell)
 }
 
 /// The vehicle as accepted flights show it, where they are not as those of its file are.
@@ -244,47 +256,7 @@ fn accepted(
     Ok((rows, pictures))
 }
 
-/// Two logs can stand beside one another only on one mission among the same anchors.
-pub(super) fn same_flight(one: &Flown, other: &Flown) -> Result<(), Refused> {
-    // Where it is flown to; a companion may be addressed in another way.
-    let items = |f: &Flown| -> Vec<_> {
-        f.mission
-            .iter()
-            .map(|i| (i.command, i.x, i.y, i.z.to_bits(), i.param1.to_bits(), i.param2.to_bits()))
-            .collect()
-    };
-    if items(one) != items(other) {
-        return refuse(format!(
-            "{}: flew another mission ({} items) than {} ({} items); compare flights of one mission",
-            one.path.display(),
-            one.mission.len(),
-            other.path.display(),
-            other.mission.len()
-        ));
-    }
-    same_survey(one, other)
-}
-
-/// Two logs among the same anchors.
-///
-/// # Errors
-/// The names of both, where they are not.
-pub fn same_survey(one: &Flown, other: &Flown) -> Result<(), Refused> {
-    if one.trace.survey != other.trace.survey {
-        return refuse(format!(
-            "{}: was flown with another anchor survey than {}; diagnose each survey by itself",
-            one.path.display(),
-            other.path.display()
-        ));
-    }
-    Ok(())
-}
-
 /// SHA-256 of a file; empty where it cannot be read, which was said before.
 fn hash_of(path: &Path) -> String {
     haltere_log::intake::open(path).and_then(digest_of).unwrap_or_default()
-}
-
-pub(super) fn refuse<T>(why: String) -> Result<T, Refused> {
-    Err(Refused::Given(why))
 }

@@ -12,8 +12,8 @@ use crate::report::html::{self, Cell};
 use crate::report::svg::{Limit, Mark, Plot, Series, Tone, escape};
 use haltere_gap::attribute::{Candidate, Settings};
 use haltere_gap::diagnosis::{Diagnosis, Part, ShrinkResult};
+use haltere_gap::door;
 use haltere_gap::outcome::Ending;
-use haltere_gap::said;
 use haltere_model::effects::Block;
 
 /// Flights per effect from which a bank is not called small: half the default.
@@ -33,22 +33,16 @@ const OWN_STYLE: &str = ".chain{display:flex;flex-wrap:wrap;gap:6px;margin:10px 
 /// The whole page.
 pub fn render(d: &Diagnosis) -> String {
     let mut html = html::open("Gap report", &format!("{OWN_STYLE}{}", matrix::STYLE));
-    let against = match d.references {
-        0 => "the nominal simulator".to_owned(),
-        n => format!("the nominal simulator and {n} reference flights"),
-    };
-    let flight = d.flight.filter(|flight| flight.of > 1);
-    let flight = flight.map_or(String::new(), |flight| format!(", {flight},"));
     let tone = match d.outcome {
         Ending::NoGap => "good",
         Ending::Fault | Ending::NotTestable => "none",
         _ => "bad",
     };
     let badge = d.outcome.key().replace('_', " ");
-    let subtitle = format!("{}{flight} against {against}; replay: {}", d.log, d.replay);
+    let subtitle = d.compared();
     html += matrix::HATCH;
     html += &html::header(Some((tone, &badge)), "Gap report", &subtitle);
-    let _ = write!(html, "<p class=\"said\">{}</p>", escape(&said::first(d)));
+    let _ = write!(html, "<p class=\"said\">{}</p>", escape(&door::in_words(d)));
     summary(&mut html, d);
     list(&mut html, d.faults.iter().chain(&d.remarks));
     found(&mut html, d);
@@ -168,18 +162,17 @@ fn found(html: &mut String, d: &Diagnosis) {
             escape(&d.not_testable.join(" "))
         )
     };
+    let named = !d.effects.is_empty();
+    let shrink = if named { shrink_words(d.shrink.as_ref()) } else { String::new() };
     html.push_str("<h2>How it was found</h2>");
     card(
         html,
         [
-            ("Verdict", format!("{}{}", escape(&d.verdict), sizes(d))),
+            ("Verdict", escape(&d.verdict)),
             ("Explained", d.explained.as_ref().map_or(String::new(), |e| escape(&e.words()))),
             ("Where", escape(&whereabouts(d))),
             ("Since", since.map_or(String::new(), |p| escape(&p.onset.words()))),
-            (
-                "Shrink",
-                if d.effects.is_empty() { String::new() } else { closed(d.shrink.as_ref()) },
-            ),
+            ("Shrink", shrink),
             ("Not testable", not_testable),
         ],
     );
@@ -192,22 +185,6 @@ fn card<const N: usize>(html: &mut String, rows: [(&str, String); N]) {
         let _ = write!(html, "<tr><th>{name}</th><td>{text}</td></tr>");
     }
     html.push_str("</table>");
-}
-
-/// Parameters of what is named, in a line.
-fn sizes(d: &Diagnosis) -> String {
-    if !d.outcome.acts() {
-        return String::new();
-    }
-    let all: Vec<String> = d
-        .effects
-        .iter()
-        .flat_map(|e| &e.parameters)
-        .map(|p| {
-            format!("{} {:.3} {} (90 %: {:.3} to {:.3})", p.name, p.value, p.unit, p.low, p.high)
-        })
-        .collect();
-    format!("<br>{}", escape(&all.join("; ")))
 }
 
 /// An effect by its id, with its name.
@@ -239,24 +216,9 @@ fn whereabouts(d: &Diagnosis) -> String {
     text
 }
 
-fn closed(s: Option<&ShrinkResult>) -> String {
-    let Some(s) = s else {
-        return "not measured: needs a flight that the fit did not see".to_owned();
-    };
-    let value = s.value.map_or("nothing to shrink".to_owned(), |v| format!("{v:.2} of the gap"));
-    let interval = match (s.low, s.high) {
-        (Some(low), Some(high)) => format!(" (95 %: {low:.2} to {high:.2})"),
-        _ => " (no interval: fewer than three flights)".to_owned(),
-    };
-    let more = |name: &str, v: Option<f64>| v.map_or(String::new(), |v| format!("; {name} {v:.2}"));
-    format!(
-        "{value}{interval}: distance {:.2} to {:.2}, floor {:.2}{}{}",
-        s.before,
-        s.after,
-        s.floor,
-        more("attainable", s.attainable),
-        more("median of other effects", s.wrong)
-    )
+fn shrink_words(s: Option<&ShrinkResult>) -> String {
+    let not_measured = || "not measured: needs a flight that the fit did not see".to_owned();
+    s.map_or_else(not_measured, ShrinkResult::words)
 }
 
 fn list<'a>(html: &mut String, lines: impl Iterator<Item = &'a String>) {
@@ -398,10 +360,10 @@ fn ladder(html: &mut String, d: &Diagnosis) {
 fn shrink(html: &mut String, d: &Diagnosis) {
     html.push_str("<h2>How far</h2>");
     let Some(s) = &d.shrink else {
-        let _ = write!(html, "<p>{}.</p>", closed(None));
+        let _ = write!(html, "<p>{}.</p>", shrink_words(None));
         return;
     };
-    let _ = write!(html, "<p>{}</p>", closed(Some(s)));
+    let _ = write!(html, "<p>{}</p>", shrink_words(Some(s)));
     if s.references == 0 && d.references > 0 {
         html.push_str("<p class=\"note\">Without accepted flights on the held-out mission this distance holds all \
             that the airframe differs from the nominal simulator by.</p>");
