@@ -26,7 +26,7 @@ const LOUD: [f64; 2] = [3.0, 10.0];
 const OWN_STYLE: &str = ".chain{display:flex;flex-wrap:wrap;gap:6px;margin:10px 0}\
 .chain div{border:2px solid var(--rule);border-radius:6px;padding:6px 10px;min-width:84px}\
 .chain .loud{border-color:var(--c)}.chain .most{border-color:var(--c);border-width:4px;font-weight:700}\
-.said{font-size:18px;line-height:1.5;margin:10px 0}\
+.words{font-size:17px;line-height:1.5;margin:10px 0;max-width:none}\
 .card{margin:4px 0 10px;border:1px solid var(--rule);background:var(--card)}.card th{width:118px;vertical-align:top;border-bottom:1px solid var(--rule)}\
 .card td{font-size:14.5px}.chain small{display:block;color:var(--soft);font-weight:400}";
 
@@ -42,7 +42,7 @@ pub fn render(d: &Diagnosis) -> String {
     let subtitle = d.compared();
     html += matrix::HATCH;
     html += &html::header(Some((tone, &badge)), "Gap report", &subtitle);
-    let _ = write!(html, "<p class=\"said\">{}</p>", escape(&door::in_words(d)));
+    in_words(&mut html, d);
     summary(&mut html, d);
     list(&mut html, d.faults.iter().chain(&d.remarks));
     found(&mut html, d);
@@ -127,7 +127,21 @@ pub fn render(d: &Diagnosis) -> String {
     html::close(html)
 }
 
-/// What is read in twenty seconds, after the sentence.
+/// What is read first, its first sentence in bold; what stands between backticks is typed.
+fn in_words(html: &mut String, d: &Diagnosis) {
+    let words = escape(&door::in_words(d));
+    let pieces = words.split('`').enumerate();
+    let typed = |(k, piece): (usize, &str)| match k % 2 {
+        0 => piece.to_owned(),
+        _ => format!("<code>{piece}</code>"),
+    };
+    let words: String = pieces.map(typed).collect();
+    let (first, rest) = words.split_once(". ").unwrap_or((&words, ""));
+    let stop = if rest.is_empty() { "" } else { "." };
+    let _ = write!(html, "<p class=\"words\"><b>{first}{stop}</b> {rest}</p>");
+}
+
+/// What is read in twenty seconds, after the words.
 fn summary(html: &mut String, d: &Diagnosis) {
     let draws = d.made_with.bank_flights[2];
     let mind = if draws > 0 && draws < FULL_DRAWS {

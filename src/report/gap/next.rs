@@ -27,23 +27,20 @@ pub(super) fn open(d: &Diagnosis) -> String {
     escape(&all.join(", "))
 }
 
-/// What to do about what is named, cheapest first: of a set the test that tells it apart, before anything is replaced.
+/// What to do where one of several is the cause: the cheapest test that tells them apart, before anything is replaced.
 pub(super) fn remedy(d: &Diagnosis) -> String {
-    let mut steps = Vec::new();
-    if d.effects.len() > 1 && d.outcome == Ending::OneOf {
-        let cheapest = telling_apart(&d.set).into_iter().next();
-        steps.extend(cheapest.map(|e| {
-            let minutes = (e.whole_cost_s() / 60.0).ceil();
-            format!("<b>first {}</b> ({minutes:.0} min): {}", escape(e.title), escape(e.how))
-        }));
+    if d.outcome != Ending::OneOf {
+        return String::new();
     }
-    let if_it_is = if steps.is_empty() { "" } else { "if it is " };
+    let first = telling_apart(&d.set).into_iter().next().map(|e| {
+        let minutes = (e.whole_cost_s() / 60.0).ceil();
+        format!("<b>first {}</b> ({minutes:.0} min): {}", escape(e.title), escape(e.how))
+    });
     let of = |e: &Effect| {
         let remedy = find(&e.id).map_or("", |spec| spec.remedy());
-        format!("{if_it_is}{} {}: {}", escape(&e.id), escape(&e.name), escape(remedy))
+        format!("if it is {} {}: {}", escape(&e.id), escape(&e.name), escape(remedy))
     };
-    steps.extend(repaired(d).map(of));
-    steps.join("<br>")
+    first.into_iter().chain(repaired(d).map(of)).collect::<Vec<_>>().join("<br>")
 }
 
 /// Effects whose repair is told.
