@@ -7,6 +7,7 @@ mod bank;
 mod budget;
 mod commission;
 mod diagnose;
+mod effects;
 mod missions;
 mod observe;
 mod options;
@@ -27,6 +28,9 @@ pub use options::{BankOptions, SceneOptions};
 pub(super) enum Gap {
     /// Says where a flight differs from the simulator, which effect causes it, how far it shrinks.
     Diagnose(diagnose::Diagnose),
+    /// Says what an effect is, what it shows as, and what to do about it.
+    #[command(after_help = "Examples:\n  haltere gap effects\n  haltere gap effects P1 I2")]
+    Effects(effects::Effects),
     /// Ranks experiments by how well they would tell apart what a diagnosis left open.
     Advise(advise::Advise),
     /// Adds one effect to the simulator and says how far the gap closes on other flights.
@@ -53,6 +57,7 @@ impl Gap {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         match self {
             Gap::Diagnose(diagnose) => diagnose.run(),
+            Gap::Effects(effects) => effects.run(),
             Gap::Advise(advise) => advise.run(),
             Gap::Shrink(shrink) => shrink.run(),
             Gap::Accept(accept) => accept.run(),

@@ -16,7 +16,7 @@ pub fn markdown() -> String {
     for (nominal, title) in [(true, "Nominal"), (false, "Deviations")] {
         let _ = write!(page, "\n## {title}\n");
         for spec in ALL.iter().filter(|spec| (spec.role == Role::Nominal) == nominal) {
-            describe(&mut page, spec);
+            page.push_str(&section(spec));
         }
     }
     page.push_str(
@@ -32,7 +32,9 @@ pub fn markdown() -> String {
     page
 }
 
-fn describe(page: &mut String, spec: &EffectSpec) {
+/// What there is to say of one effect.
+pub fn section(spec: &EffectSpec) -> String {
+    let mut page = String::new();
     let star = if spec.deviation().is_some_and(|of| of.standard) { "*" } else { "" };
     // Writing to a String cannot fail.
     let _ = write!(page, "\n### {}{star} {}\n\n", spec.id, spec.name);
@@ -60,7 +62,7 @@ fn describe(page: &mut String, spec: &EffectSpec) {
         spec.off
     );
     if spec.parameters.is_empty() {
-        return;
+        return page;
     }
     page.push_str("\n| parameter | unit | default | range | off at | meaning |\n");
     page.push_str("|---|---|---|---|---|---|\n");
@@ -71,6 +73,7 @@ fn describe(page: &mut String, spec: &EffectSpec) {
             p.name, p.unit, p.default, p.low, p.high, p.off, p.doc
         );
     }
+    page
 }
 
 /// The sentence of a verdict with the names of the parameters for their numbers.
