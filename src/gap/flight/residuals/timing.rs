@@ -74,11 +74,13 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
         ("imu_age", Block::Timing, "s", HOST_S, "IMU: arrival after validity"),
         ("imu_age_std", Block::Timing, "ln", 0.25, "its spread"),
         ("imu_step_std", Block::Timing, "ln", 0.25, "spread of the time between arrivals"),
-        ("imu_gaps", Block::Timing, "ln", 0.0, "pauses of the IMU"),
+        // The first pause of a flight that has none.
+        ("imu_gaps", Block::Timing, "ln", 3_f64.ln(), "pauses of the IMU"),
         ("uwb_age", Block::Timing, "s", HOST_S, "UWB: arrival after validity"),
         ("uwb_age_std", Block::Timing, "ln", 0.25, "its spread"),
         ("attitude_age", Block::Timing, "s", HOST_S, "attitude: arrival after validity"),
-        ("uwb_silence", Block::Timing, "ln", 0.0, "longest pause of UWB"),
+        // The largest of tens of thousands of steps: one late wake-up of a computer with other work doubles it.
+        ("uwb_silence", Block::Timing, "ln", std::f64::consts::LN_2, "longest pause of UWB"),
         (
             "clock",
             Block::Link,
