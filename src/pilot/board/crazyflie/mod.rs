@@ -1,0 +1,10 @@
+//! The link to a Crazyflie or a Flapper's own board over CRTP: its pure parts.
+//!
+//! Packets come and go as a length byte (1 to 31) and the packet, in any chunking, so that they are recorded and replayed
+//! as any bytes are. What these parts tell is in our frames and on the host's clock.
+
+mod asked;
+mod axes;
+mod board_time;
+mod joined;
+mod tdoa;
