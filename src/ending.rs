@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use haltere_gap::logs::{self, Flown};
-use haltere_gap::trace::Trace;
+use haltere_gap::flight::logs::{self, Flown};
+use haltere_gap::flight::trace::Trace;
 use haltere_log::replay::ReplayError;
 
 /// Texts of a control step belong to a change of the mode, s.

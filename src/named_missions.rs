@@ -1,6 +1,6 @@
 //! Missions that are built in, by name: the standard flights of the diagnosis and those that show what a fit needs.
 
-use haltere_gap::missions;
+use haltere_gap::bank::missions;
 use haltere_gap::scene::Scene;
 use haltere_pilot::Envelope;
 use haltere_pilot::mission_file::MissionFile;

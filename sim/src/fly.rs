@@ -13,7 +13,7 @@ use haltere::simulated::campaign::file::{Base, CampaignFile};
 use haltere::simulated::campaign::flight::{self, Keep, TRUTH};
 use haltere::simulated::campaign::plan::Plan;
 use haltere::simulated::campaign::row::{Outcome, Row};
-use haltere_gap::library;
+use haltere_gap::bank::library;
 use haltere_gap::scene::Scene;
 use haltere_log::written;
 use haltere_pilot::Envelope;

@@ -16,10 +16,10 @@ use super::{
 pub use gap_attribute::read as observed_flights;
 pub use gap_diagnose::diagnose;
 use haltere_core::checks::Problems;
+use haltere_gap::bank::make_bank::BankSize;
+use haltere_gap::bank::workshop::default_folder;
 use haltere_gap::bank::{LEAST_DRAWS, LEAST_NULLS};
-use haltere_gap::make_bank::BankSize;
 use haltere_gap::scene::Told;
-use haltere_gap::workshop::default_folder;
 use haltere_model::Vehicle;
 use haltere_model::effects::EffectSpec;
 use haltere_model::room::Room;
@@ -138,7 +138,7 @@ impl BankOptions {
 
     /// Flights of this bank, as a share of those of the full one with the standard library.
     pub fn share(&self) -> f64 {
-        let all = haltere_gap::library::standard();
+        let all = haltere_gap::bank::library::standard();
         let flights = |size: &BankSize, library: &[&EffectSpec]| {
             (size.seeds + size.jitter + size.draws_of_all(library)) as f64
         };
@@ -149,7 +149,7 @@ impl BankOptions {
 
     /// The standard library without what is left out; an unknown id is refused.
     pub fn library(&self) -> anyhow::Result<Vec<&'static EffectSpec>> {
-        let all = haltere_gap::library::standard();
+        let all = haltere_gap::bank::library::standard();
         let asked = self.without.iter().map(|id| ("--without", id));
         for (option, id) in asked.chain(self.only.iter().map(|id| ("--only", id))) {
             if !all.iter().any(|spec| spec.id == id) {

@@ -16,7 +16,7 @@ use haltere_core::frames::Vec3;
 use haltere_core::measure::AnchorId;
 use haltere_gap::accept::{edit_anchor, edit_scenario, edit_vehicle, number, set_key};
 use haltere_gap::accepted::{self, LineChange, lines_changed};
-use haltere_gap::logs::{self, Flown};
+use haltere_gap::flight::logs::{self, Flown};
 use haltere_gap::scene::Told;
 use haltere_gap::trim::{Trim, trim};
 use haltere_model::effects::EffectSpec;

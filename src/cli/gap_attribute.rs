@@ -11,9 +11,9 @@ use serde_json::{Value, json};
 use super::print;
 use haltere_core::measure::AnchorId;
 use haltere_gap::attribute::{Attributor, Settings};
-use haltere_gap::bank_file;
+use haltere_gap::bank::bank_file;
+use haltere_gap::flight::statistics::specs;
 use haltere_gap::places::{Heard, places};
-use haltere_gap::statistics::specs;
 use haltere_model::effects::Block;
 
 /// Attributes flights by their statistics, one JSON object a line, without reading a log again.

@@ -11,10 +11,10 @@ use super::gap::{BankOptions, SceneOptions};
 use super::which_flight::{WhichFlight, tell};
 use super::{print, print_json};
 use crate::progress::Progress;
-use haltere_gap::logs;
-use haltere_gap::missions;
+use haltere_gap::bank::missions;
+use haltere_gap::bank::workshop::Workshop;
+use haltere_gap::flight::logs;
 use haltere_gap::scene::Scene;
-use haltere_gap::workshop::Workshop;
 use haltere_log::written;
 
 /// Flies the bank that flights of a mission are compared with, and keeps it.

@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 
 use super::gap::RoomOptions;
 use super::print;
-use haltere_gap::missions;
+use haltere_gap::bank::missions;
 use haltere_gap::scene::Scene;
 
 /// Prints a standard flight as a mission file (TOML), placed in the middle of the room.

@@ -11,9 +11,9 @@ use super::gap::SceneOptions;
 use super::print;
 use super::which_flight::WhichFlight;
 use haltere_gap::diagnosis::observed;
-use haltere_gap::logs;
+use haltere_gap::flight::logs;
+use haltere_gap::flight::statistics::specs;
 use haltere_gap::nominal::Nominal;
-use haltere_gap::statistics::specs;
 
 /// Prints the statistics that the diagnosis sees of each flight, one JSON object a line.
 ///

@@ -8,7 +8,7 @@ use clap::Args;
 use super::gap_session::same_flight;
 use super::which_flight::tell;
 use crate::progress::Progress;
-use haltere_gap::logs::{self, Flown};
+use haltere_gap::flight::logs::{self, Flown};
 use haltere_log::log_file::has_log_ending;
 
 /// Where accepted flights lie.

@@ -6,7 +6,7 @@ use anyhow::Context as _;
 use serde::Deserialize;
 
 use haltere_gap::advise::{Hypothesis, Remaining};
-use haltere_gap::library::find;
+use haltere_gap::bank::library::find;
 use haltere_model::Vehicle;
 use haltere_model::effects::EffectSpec;
 

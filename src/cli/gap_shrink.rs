@@ -12,10 +12,10 @@ use super::gap_session::{Opened, Session, open};
 use super::which_flight::{WhichFlight, tell};
 use super::{print, print_json};
 use crate::progress::Progress;
+use haltere_gap::bank::library::{self, whole};
 use haltere_gap::diagnosis::observed;
+use haltere_gap::flight::logs::{self, Flown};
 use haltere_gap::held_out::{Explanation, Measured, SHRINK_FLIGHTS, measure};
-use haltere_gap::library::{self, whole};
-use haltere_gap::logs::{self, Flown};
 use haltere_gap::scene::Told;
 use haltere_model::effects::EffectSpec;
 
@@ -188,7 +188,7 @@ fn fitted(
 /// Effects of other blocks at their defaults, where nothing was fitted.
 fn controls(spec: &EffectSpec) -> Vec<Explanation> {
     let mut blocks = vec![spec.block];
-    haltere_gap::library::standard()
+    haltere_gap::bank::library::standard()
         .into_iter()
         .filter(|s| {
             let new = !blocks.contains(&s.block);

@@ -3,7 +3,7 @@
 //! An effect goes into a scenario as `[effects.on.ID]`; where it only changes numbers of the vehicle,
 //! into a vehicle file as these numbers, by the effect's own edit. On the real vehicle there is a trim
 //! in the companion's configuration, a corrected position in the anchor file, or a thing to do by hand.
-//! Every edit keeps comments and order. Files are written by [`super::accepted`].
+//! Every edit keeps comments and order. Files are written by [`crate::accepted`].
 
 use toml_edit::{DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
@@ -115,7 +115,7 @@ pub fn edit_scenario(text: &str, spec: &EffectSpec, theta: &[f64]) -> Result<Str
 pub fn edit_vehicle(text: &str, spec: &EffectSpec, theta: &[f64]) -> Result<String, EditError> {
     let before = Vehicle::from_toml(text).map_err(|e| EditError::Parse(e.to_string()))?;
     let mut after = before.clone();
-    let set = super::make_bank::with_effect(EffectSet::none(), spec, theta)
+    let set = crate::bank::make_bank::with_effect(EffectSet::none(), spec, theta)
         .map_err(|e| EditError::Value(e.to_string()))?;
     // The bank of effects makes the edit, as it does at the start of a flight.
     let (mut board, mut sites) = (BoardSettings::default(), Vec::new());
@@ -232,7 +232,7 @@ pub fn edit_anchor(text: &str, id: AnchorId, by_E_m: Vec3<E>) -> Result<String, 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::library::standard;
+    use crate::bank::library::standard;
     use haltere_model::vehicle::Body;
 
     fn spec(id: &str) -> &'static EffectSpec {

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::seal::digest;
+use crate::flight::seal::digest;
 
 /// Largest file that is edited, bytes: configurations are a few kilobytes.
 const MOST_BYTES: u64 = 1 << 20;

@@ -3,7 +3,7 @@
 //! Candidates that are not ruled out are flown in the nominal simulator on the mission of every
 //! experiment, each flight with parameters drawn from their intervals and with benign jitter; how far
 //! apart their statistics lie gives the probability that the right one would be named
-//! ([`super::discriminate`]). Bench actions are readings: what each candidate would make the instrument
+//! ([`crate::discriminate`]). Bench actions are readings: what each candidate would make the instrument
 //! show, over its interval, against the resolution. Effects that the flight could not have shown are
 //! flown too: how probable is it that they would stand out. Everything is relative to the nominal
 //! simulator, and to the candidates: what is not among them is not separated by anything here.
@@ -15,13 +15,13 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-use super::archive::{self, Archive, Job, Shelf};
-use super::discriminate::{Clouds, correct};
-use super::experiments::{EXPERIMENTS, Experiment, Means, Reading};
-use super::library;
-use super::missions::wire;
-use super::normal;
-use super::scene::Scene;
+use crate::bank::archive::{self, Archive, Job, Shelf};
+use crate::bank::library;
+use crate::bank::missions::wire;
+use crate::discriminate::{Clouds, correct};
+use crate::experiments::{EXPERIMENTS, Experiment, Means, Reading};
+use crate::normal;
+use crate::scene::Scene;
 use haltere_model::effects::{Axis, EffectSpec, Kind};
 use haltere_model::random::Stream;
 

@@ -5,14 +5,14 @@
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
-use super::cells::{Cell, cells, channels};
-use super::fly::fly_observed;
-use super::make_bank::{jittered, with_effect};
-use super::nominal::Nominal;
-use super::residuals::{Channel, Flight, force, uwb};
-use super::scene::Scene;
-use super::timeline::{NotObservable, STEP_S};
-use super::trace::Trace;
+use crate::bank::fly::fly_observed;
+use crate::bank::make_bank::{jittered, with_effect};
+use crate::flight::cells::{Cell, cells, channels};
+use crate::flight::residuals::{Channel, Flight, force, uwb};
+use crate::flight::timeline::{NotObservable, STEP_S};
+use crate::flight::trace::Trace;
+use crate::nominal::Nominal;
+use crate::scene::Scene;
 use haltere_core::measure::AnchorId;
 use haltere_model::effects::EffectSpec;
 

@@ -2,21 +2,21 @@
 
 use serde::Serialize;
 
-use super::advise::Advice;
-use super::attribute::{Attribution, Attributor, Candidate};
-use super::beside_truth::BesideTruth;
-use super::commission::Fitted;
-use super::commission::budget::Budget;
-use super::library::whole;
-use super::logs::{Flown, ParameterDifference};
-use super::outcome::{Named, Outcome, Remainder};
-use super::picture::Picture;
-use super::places::{Heard, exonerated, places};
-pub use super::places::{Part, Where};
-use super::shrink::{medians, scales};
-use super::statistics::{Observation, observe};
-use super::workshop::Workshop;
+use crate::advise::Advice;
+use crate::attribute::{Attribution, Attributor, Candidate};
+use crate::bank::library::whole;
+use crate::bank::workshop::Workshop;
+use crate::commission::Fitted;
+use crate::commission::budget::Budget;
+use crate::flight::beside_truth::BesideTruth;
+use crate::flight::logs::{Flown, ParameterDifference};
+use crate::flight::statistics::{Observation, observe};
 use crate::nominal::Nominal;
+use crate::outcome::{Named, Outcome, Remainder};
+use crate::picture::Picture;
+use crate::places::{Heard, exonerated, places};
+pub use crate::places::{Part, Where};
+use crate::shrink::{medians, scales};
 use haltere_log::record::LogFlight;
 use haltere_log::replay::{Differs, Report};
 
@@ -223,7 +223,7 @@ pub struct ShrinkResult {
     /// Shrink over attainable.
     pub efficiency: Option<f64>,
     /// By channel.
-    pub channels: Vec<(String, super::shrink::Shrink)>,
+    pub channels: Vec<(String, crate::shrink::Shrink)>,
     /// Shrink of each other effect that was tried.
     pub others: Vec<(String, Option<f64>)>,
     /// Median over other effects of the library.

@@ -16,7 +16,7 @@
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-use super::shrink::{median, scales};
+use crate::shrink::{median, scales};
 use haltere_model::random::Stream;
 
 /// Sigma at which compression sets in: the attribution's own.

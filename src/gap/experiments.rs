@@ -1,16 +1,16 @@
 //! The catalogue of experiments: manoeuvres and bench actions, with what each costs and which sets of
 //! effects it is meant to separate (GAP.md 3.9). One list; what an experiment is worth to somebody is
-//! computed in [`super::advise`], not written here.
+//! computed in [`crate::advise`], not written here.
 //!
 //! Costs of flights are flight times in the room of 6 × 6 × 3 m (a test flies them); of bench actions
 //! the time with everything at hand. Resolutions are one sigma of a reading by usual tools, and hold
 //! what nominal vehicles differ by (turn-on bias of the IMU: effect N11).
 
-use super::manoeuvres::{
+use crate::manoeuvres::{
     height_ladder, lean_doublets, long_hover, reversal_dashes, room_edge_square, standard,
     steps_then_hover, straight_dashes, throttle_doublets, under_the_ceiling, yaw_on_the_spot,
 };
-use super::scene::Scene;
+use crate::scene::Scene;
 use haltere_pilot::mission_file::MissionFile;
 
 /// What every flight costs besides flying, s: a charged battery, placing, waiting for alignment, copying

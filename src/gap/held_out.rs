@@ -7,17 +7,17 @@
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use serde::Serialize;
 
-use super::diagnosis::observed;
-use super::fly::fly_observed;
-use super::logs::Flown;
-use super::make_bank::{jittered, with_effect};
-use super::nominal::Nominal;
-use super::resize::resize;
-use super::scene::{Scene, Told};
-use super::shrink::{
+use crate::bank::fly::fly_observed;
+use crate::bank::make_bank::{jittered, with_effect};
+use crate::diagnosis::observed;
+use crate::flight::logs::Flown;
+use crate::flight::statistics::{specs, statistics_of};
+use crate::nominal::Nominal;
+use crate::resize::resize;
+use crate::scene::{Scene, Told};
+use crate::shrink::{
     Paired, Shrink, by_channel, efficiency, medians, scales, shrink, wrong_effects,
 };
-use super::statistics::{specs, statistics_of};
 use haltere_model::Vehicle;
 use haltere_model::effects::EffectSpec;
 
@@ -66,7 +66,7 @@ pub struct Measured {
 }
 
 /// Searches the size of every explanation of one effect on the flight that was diagnosed (see
-/// [`super::resize`]); several effects keep their sizes, which were fitted together. Returns the shares.
+/// [`crate::resize`]); several effects keep their sizes, which were fitted together. Returns the shares.
 /// `fitted_on`: statistics of that flight; `model` flies its mission; `progress`: done, of how many.
 pub fn resize_all(
     model: &HeldOut<'_>,
@@ -145,7 +145,7 @@ pub fn measure(
     }
     let Some(scales) = model_of_last else { return Err(NotMeasured::Nothing(why)) };
     let mut shrinks: Vec<Shrink> =
-        pairs.iter().map(|p| super::shrink::shrink(p, &scales, SEED)).collect();
+        pairs.iter().map(|p| crate::shrink::shrink(p, &scales, SEED)).collect();
     let own = shrinks.remove(0);
     let names: Vec<&str> = others.iter().map(|o| o.name.as_str()).collect();
     let (mut best, mut attained_by) = (own, asked.name.clone());
@@ -311,14 +311,14 @@ impl<'a> HeldOut<'a> {
     /// Mean distance of a real flight to the model with these effects; a few flights, for a search.
     pub fn left(&self, real: &[f64], effects: &[(&EffectSpec, &[f64])]) -> f64 {
         let flights = self.shifted(self.fly(effects, SEARCH_FLIGHTS));
-        let left = super::shrink::to_all(real, &flights, &self.scales);
+        let left = crate::shrink::to_all(real, &flights, &self.scales);
         // Effects that cannot be flown explain nothing.
         if left.is_finite() { left } else { f64::INFINITY }
     }
 
     /// Distance of a held-out flight before and after.
     pub fn distances(&self, flight: &Paired) -> [f64; 2] {
-        let to = |sims: &[Vec<f64>]| super::shrink::to_all(&flight.real, sims, &self.scales);
+        let to = |sims: &[Vec<f64>]| crate::shrink::to_all(&flight.real, sims, &self.scales);
         [to(&flight.before), to(&flight.after)]
     }
 
@@ -331,12 +331,12 @@ impl<'a> HeldOut<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::library::standard;
+    use crate::bank::library::standard;
 
     #[test]
     fn val_a_held_out_flight_of_the_effect_is_explained_by_it() {
         let scene = Scene::lab().unwrap();
-        let items = crate::missions::plain(&scene);
+        let items = crate::bank::missions::plain(&scene);
         let spec = standard().into_iter().find(|s| s.id == "P1").unwrap();
         let model = HeldOut::new(&scene, &items, &[]);
         let own = model.fly(&[(spec, &[0.12])], SHRINK_FLIGHTS).swap_remove(0);

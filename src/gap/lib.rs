@@ -2,17 +2,17 @@
 //! effect causes it, how far it shrinks once that effect is added. It draws no page and never sees the truth of a flight,
 //! except where it is asked how far the estimate was off.
 //!
-//! Begin with [`diagnosis`] and `attribute/mod.rs`. The way of a flight: [`logs`] is gate 0, [`trace`] what may be seen of
-//! it, [`smoother`] where it was, `residuals` one channel a file, [`statistics`] its numbers. What it is held against:
-//! [`scene`] room, vehicle and companion, [`library`] and [`make_bank`] the simulated flights, where every effect flies
-//! beside a twin without it, [`workshop`] what is kept on disk. What is said: `attribute` which effect, with `gate.rs`
+//! Begin with [`diagnosis`] and `attribute/mod.rs`. The way of a flight: [`flight::logs`] is gate 0, [`flight::trace`] what may be seen of
+//! it, [`flight::smoother`] where it was, `residuals` one channel a file, [`flight::statistics`] its numbers. What it is held against:
+//! [`scene`] room, vehicle and companion, [`bank::library`] and [`bank::make_bank`] the simulated flights, where every effect flies
+//! beside a twin without it, [`bank::workshop`] what is kept on disk. What is said: `attribute` which effect, with `gate.rs`
 //! whether there is a gap at all and `foretold.rs` what it foretells, [`places`] where, [`shrink`] how far, [`advise`] what
 //! to fly next, [`accept`] what is written back, [`commission`] the constants with which the simulator flies as accepted
 //! flights were flown.
 //!
 //! ```
+//! use haltere_gap::bank::{library, missions};
 //! use haltere_gap::scene::Scene;
-//! use haltere_gap::{library, missions};
 //!
 //! // The flight that tells most, for a room; and what can be told apart by it.
 //! let scene = Scene::lab()?;
@@ -29,49 +29,28 @@
 pub mod accept;
 pub mod accepted;
 pub mod advise;
-pub mod archive;
-mod as_flown;
 pub mod attribute;
-pub mod axis;
 pub mod bank;
-pub mod bank_file;
-pub mod beside_truth;
-pub mod cells;
 pub mod commission;
-mod content;
 pub mod details;
 pub mod diagnosis;
 pub mod discriminate;
 pub mod experiments;
-pub mod fly;
+pub mod flight;
 pub mod held_out;
-pub mod kept_file;
-pub mod library;
-pub mod logs;
-pub mod make_bank;
 mod manoeuvres;
 pub mod matrix;
-pub mod missions;
 pub mod nominal;
 mod normal;
-mod not_flown;
 pub mod onset;
 pub mod outcome;
 pub mod picture;
 pub mod places;
-pub mod regress;
-pub mod residuals;
 pub mod resize;
 pub mod said;
 pub mod scene;
-pub mod seal;
 pub mod shrink;
-pub mod smoother;
-pub mod statistics;
-pub mod timeline;
-pub mod trace;
 pub mod trim;
-pub mod workshop;
 
 #[cfg(test)]
 mod tests;

@@ -1,7 +1,7 @@
 //! Missions of the catalogue of experiments, fitted to the room: what has no room says so.
 
-use super::missions::{HEIGHT_M, LEG_MPS, LOW_M, Plan, diagnostic_file};
-use super::scene::Scene;
+use crate::bank::missions::{HEIGHT_M, LEG_MPS, LOW_M, Plan, diagnostic_file};
+use crate::scene::Scene;
 use haltere_pilot::mission_file::{DoubletAxis, MissionFile};
 
 /// Clear way to either side that a dash needs, m.

@@ -9,9 +9,9 @@
 
 use serde::Serialize;
 
-use super::cells::{Cell, Part};
-use super::details::{Details, unit};
-use super::shrink::{median, scales};
+use crate::details::{Details, unit};
+use crate::flight::cells::{Cell, Part};
+use crate::shrink::{median, scales};
 
 /// False discovery rate.
 const Q: f64 = 0.05;
@@ -176,8 +176,8 @@ fn tail(t: f64, freedom: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cells::{REGIMES, Regime};
-    use crate::residuals::Channel;
+    use crate::flight::cells::{REGIMES, Regime};
+    use crate::flight::residuals::Channel;
     use haltere_model::random::Stream;
 
     fn flight(means: &[f64]) -> Details {

@@ -6,7 +6,7 @@ use haltere_model::Vehicle;
 use haltere_model::board::BoardSettings;
 use haltere_model::room::Room;
 
-use super::scene::Scene;
+use crate::scene::Scene;
 
 /// Period of the attitude model, s: the control period.
 pub const RESPONSE_STEP_S: f64 = 0.01;

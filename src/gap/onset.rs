@@ -14,7 +14,7 @@
 
 use serde::Serialize;
 
-use super::details::{Details, Line};
+use crate::details::{Details, Line};
 
 /// Lines of residuals that are looked at.
 const LINES: usize = 4;
@@ -243,13 +243,13 @@ fn louder(standards: &[Standard], t0: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bank::library;
+    use crate::bank::make_bank::jittered;
+    use crate::bank::missions;
     use crate::details::{details, fly_nulls};
-    use crate::library;
-    use crate::make_bank::jittered;
-    use crate::missions;
+    use crate::flight::trace::Trace;
     use crate::nominal::Nominal;
     use crate::scene::Scene;
-    use crate::trace::Trace;
     use haltere_model::faults::Fault;
     use haltere_model::lockstep::{Lockstep, fly_watched};
 

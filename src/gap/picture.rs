@@ -7,13 +7,13 @@
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
-use super::cells::Part;
-use super::details::{Details, fly_nulls};
-use super::matrix::{Matrix, Square, floor, matrix};
-use super::onset::{Onset, onset};
-use super::residuals::uwb::SIDE;
-use super::scene::Scene;
-use super::shrink::mean;
+use crate::details::{Details, fly_nulls};
+use crate::flight::cells::Part;
+use crate::flight::residuals::uwb::SIDE;
+use crate::matrix::{Matrix, Square, floor, matrix};
+use crate::onset::{Onset, onset};
+use crate::scene::Scene;
+use crate::shrink::mean;
 use haltere_core::measure::AnchorId;
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use haltere_model::effects::EffectSpec;

@@ -10,11 +10,11 @@
 
 use serde::Serialize;
 
-use super::attribute::Attribution;
-use super::bank::Bank;
-use super::outcome::Outcome;
-use super::shrink::{medians, scales};
-use super::statistics::{ANCHOR_SLOTS, specs};
+use crate::attribute::Attribution;
+use crate::bank::Bank;
+use crate::flight::statistics::{ANCHOR_SLOTS, specs};
+use crate::outcome::Outcome;
+use crate::shrink::{medians, scales};
 use haltere_core::measure::AnchorId;
 use haltere_log::replay::{Report, Verdict};
 use haltere_model::effects::{ALL, Block, Choice, EffectSpec, Kind};

@@ -6,8 +6,8 @@
 //! and the share with the least distance is taken. Share 0 is among them: an effect that makes the
 //! simulator no more like the flight it was fitted to is not added at all.
 
-use super::held_out::HeldOut;
-use super::library;
+use crate::bank::library;
+use crate::held_out::HeldOut;
 use haltere_model::Vehicle;
 use haltere_model::effects::{EffectSpec, ParameterSpec};
 

@@ -189,7 +189,7 @@ fn joined(parts: &[String]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::library::{find, whole};
+    use crate::bank::library::{find, whole};
 
     fn anchors() -> Vec<AnchorId> {
         (10..18).map(AnchorId).collect()

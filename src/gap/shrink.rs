@@ -11,7 +11,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::normal;
+use crate::normal;
 use haltere_model::random::Stream;
 
 /// Resamples of an interval.

@@ -2,15 +2,15 @@
 
 use rayon::prelude::*;
 
-use super::fly::fly_observed;
-use super::make_bank::jittered;
-use super::missions;
-use super::nominal::Nominal;
-use super::residuals::Flight;
-use super::scene::Scene;
-use super::statistics::{observe, specs};
-use super::timeline::NotObservable;
-use super::trace::Trace;
+use crate::bank::fly::fly_observed;
+use crate::bank::make_bank::jittered;
+use crate::bank::missions;
+use crate::flight::residuals::Flight;
+use crate::flight::statistics::{observe, specs};
+use crate::flight::timeline::NotObservable;
+use crate::flight::trace::Trace;
+use crate::nominal::Nominal;
+use crate::scene::Scene;
 use haltere_core::measure::ServoOutput;
 use haltere_model::EffectSet;
 use haltere_model::effects::Block;
@@ -225,7 +225,7 @@ fn val_a_bank_serves_flights_that_start_beside_it() {
         let mut plant = jittered(scene.plant(seed)).unwrap();
         plant.start_E_m += haltere_core::frames::Vec3::new(off_m[0], off_m[1], 0.0);
         let trace = fly_observed(&scene, &items, plant, scene.pilot.clone()).unwrap();
-        crate::statistics::statistics_of(&trace, &nominal).unwrap()
+        crate::flight::statistics::statistics_of(&trace, &nominal).unwrap()
     };
     let flights = |off_m: [f64; 2]| -> Vec<Vec<f64>> {
         (1..=24_u64).into_par_iter().map(|seed| fly(seed, off_m)).collect()

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use crate::accepted;
 use crate::bank::Bank;
-use crate::bank_file;
+use crate::bank::bank_file;
 
 const PLACE: &str = "HALTERE_KILLED_IN";
 

@@ -9,9 +9,9 @@
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use serde::Serialize;
 
-use super::details::{Details, Kind, fly_nulls};
-use super::residuals::Channel;
-use super::scene::Scene;
+use crate::details::{Details, Kind, fly_nulls};
+use crate::flight::residuals::Channel;
+use crate::scene::Scene;
 use haltere_model::effects::EffectSpec;
 
 /// Flights with and without.
@@ -103,7 +103,7 @@ fn mean(flights: &[Details], channel: Channel) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{library, missions};
+    use crate::bank::{library, missions};
 
     #[test]
     fn val_a_trim_takes_the_lean_of_an_off_centre_servo_away() {

@@ -104,8 +104,10 @@ use flight::arming::SHADOW_WORDS;
 use navigation::Navigation;
 use out::Out;
 use out::voice::Severity;
+use schedule::act::Act;
+use schedule::anew;
 use stations::Stations;
-use view::view;
+use view::{Sight, around, view};
 use wish::Wish;
 
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
@@ -188,18 +190,20 @@ impl Pilot {
                 self.look_at_line(at, link, bytes);
             }
             Input::Bytes { link: link @ LinkId::Board, bytes } => {
-                self.board_bytes(at, bytes);
+                self.act().board_bytes(at, bytes);
                 self.look_at_line(at, link, bytes);
             }
-            Input::Bytes { link: LinkId::Ground(n), bytes } => self.ground_bytes(at, n, bytes),
+            Input::Bytes { link: LinkId::Ground(n), bytes } => {
+                self.act().ground_bytes(at, n, bytes)
+            }
             Input::Peer { link: LinkId::Board, address } => self.board.peers.sender(address),
             // Each station has a link of its own, and the tag a line.
             Input::Peer { .. } => {}
             Input::Calendar { unix_us } => {
                 self.clock.calendar = Some(Calendar { told_at: at, told_unix_us: unix_us });
             }
-            Input::LinkUp { link } => self.link_up(at, link),
-            Input::LinkDown { link } => self.link_down(at, link),
+            Input::LinkUp { link } => self.act().link_up(at, link),
+            Input::LinkDown { link } => self.act().link_down(at, link),
             Input::Backlog { link, is_full } => {
                 if let Some(ground) = self.stations.ground_mut(link) {
                     ground.is_full = is_full;
@@ -209,10 +213,12 @@ impl Pilot {
                 self.out.glue_lost(at, link, reason, count);
                 self.stations.tell_unheard(at, link, reason, &mut self.out);
             }
-            Input::File { ticket, result, bytes } => self.file_answer(at, ticket, result, bytes),
+            Input::File { ticket, result, bytes } => {
+                self.act().file_answer(at, ticket, result, bytes)
+            }
             Input::Recording { state, why } => self.out.recording_told(at, state, why),
             Input::EndAsked => self.flight.end_asked(at, &mut self.out),
-            Input::Wake => self.wake(at),
+            Input::Wake => self.act().wake(at),
         }
     }
 
@@ -240,6 +246,21 @@ impl Pilot {
     /// Yields the decoded records, in order, and forgets them.
     pub fn drain_topics(&mut self, take: impl FnMut(Topic)) {
         self.out.drain_topics(take);
+    }
+
+    /// Yields the tasks for the disk, in order, and forgets them.
+    pub fn drain_file_requests(&mut self, take: impl FnMut(services::FileRequest)) {
+        self.stations.services.desk.drain().for_each(take);
+    }
+
+    /// Whether another core may take this one's place.
+    pub fn may_begin_anew(&self) -> bool {
+        anew::may_begin(&self.sight(self.clock.now), &self.stations)
+    }
+
+    /// The configuration as stations have set it, for the core that comes next.
+    pub fn settings(&self) -> PilotConfig {
+        anew::settings(&self.stations, &self.origin)
     }
 
     /// The newest estimate.
@@ -303,6 +324,28 @@ impl Pilot {
     /// Where the board is, if its link has many ends and it was found: nothing is to be sent to others.
     pub fn board_address(&self) -> Option<SocketAddr> {
         self.board.peers.board()
+    }
+
+    /// The parts, borrowed for one call.
+    fn act(&mut self) -> Act<'_> {
+        Act {
+            config: &mut self.config,
+            survey: &self.survey,
+            origin: &mut self.origin,
+            estimate: &mut self.estimate,
+            clock: &mut self.clock,
+            out: &mut self.out,
+            navigation: &mut self.navigation,
+            board: &mut self.board,
+            flight: &mut self.flight,
+            stations: &mut self.stations,
+            wishes: &mut self.wishes,
+        }
+    }
+
+    /// All that conditions and the table at rest look at.
+    fn sight(&self, at: HostTime) -> Sight<'_> {
+        around!(self, at).sight(&self.flight, &self.out)
     }
 
     fn look_at_line(&mut self, at: HostTime, link: LinkId, bytes: &[u8]) {

@@ -72,7 +72,6 @@ pub(crate) struct Around<'a> {
     pub estimate: &'a Estimate,
     pub navigation: &'a Navigation,
     pub board: &'a Board,
-    pub fence: &'a Fence,
     pub kept: &'a dyn Kept,
 }
 
@@ -126,7 +125,7 @@ impl<'a> Around<'a> {
             navigation: self.navigation,
             board: self.board,
             flight,
-            fence: self.fence,
+            fence: &flight.plans.fence,
             kept: self.kept,
             out,
         }
@@ -172,8 +171,7 @@ macro_rules! around {
             estimate: &$pilot.estimate,
             navigation: &$pilot.navigation,
             board: &$pilot.board,
-            fence: &$pilot.stations.services.plans.fence,
-            kept: &$pilot.stations,
+            kept: &$pilot.stations.services,
         }
     };
 }

@@ -391,7 +391,8 @@ mod tests {
     fn val_an_accepted_effect_is_read_and_flown_with() {
         use haltere_gap::accept::edit_scenario;
         let sample = include_str!("../../sim/scenarios/sample.toml");
-        let spec = haltere_gap::library::standard().into_iter().find(|s| s.id == "P1").unwrap();
+        let spec =
+            haltere_gap::bank::library::standard().into_iter().find(|s| s.id == "P1").unwrap();
         let patched = edit_scenario(sample, spec, &[0.15]).unwrap();
         let kept = sample.lines().all(|line| patched.contains(line));
         assert!(kept, "a line of the sample is gone:\n{patched}");

@@ -48,9 +48,9 @@ pub fn log(data: &[u8]) {
     let _ = entries.end();
     exported(&log);
     let flight = shown(&log);
-    if let Ok(flown) = haltere_gap::logs::read_log(&log, None) {
+    if let Ok(flown) = haltere_gap::flight::logs::read_log(&log, None) {
         let _ = flown.scene(&haltere_gap::scene::Told::default());
-        let _ = haltere_gap::timeline::Timeline::new(&flown.trace, None);
+        let _ = haltere_gap::flight::timeline::Timeline::new(&flown.trace, None);
         // A flight that was truly flown does not fit into an input; the fits refuse most of the rest.
         let config = Box::new(flown.config);
         let name = "fuzz".to_owned();

@@ -7,12 +7,12 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use haltere_gap::attribute::{AttributeError, Attribution, Settings};
-use haltere_gap::library::{self, find};
-use haltere_gap::make_bank::BankSize;
+use haltere_gap::bank::library::{self, find};
+use haltere_gap::bank::make_bank::BankSize;
+use haltere_gap::bank::workshop::WorkshopError;
+use haltere_gap::flight::seal;
 use haltere_gap::scene::Told;
-use haltere_gap::seal;
 use haltere_gap::shrink::Shrink;
-use haltere_gap::workshop::WorkshopError;
 use haltere_log::replay::ReplayError;
 use haltere_model::effects::EffectSpec;
 

@@ -11,15 +11,15 @@ use serde::Serialize;
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use haltere_gap::advise::{Effort, Hypothesis, Remaining, advise, judge};
-use haltere_gap::archive::Shelf;
+use haltere_gap::bank::archive::Shelf;
+use haltere_gap::bank::fly::fly_observed;
+use haltere_gap::bank::library::draws;
+use haltere_gap::bank::make_bank::{jittered, with_effect};
+use haltere_gap::bank::missions::{HEIGHT_M, LEG_MPS, Plan, wire};
 use haltere_gap::experiments::{EXPERIMENTS, Means};
-use haltere_gap::fly::fly_observed;
-use haltere_gap::library::draws;
-use haltere_gap::make_bank::{jittered, with_effect};
-use haltere_gap::missions::{HEIGHT_M, LEG_MPS, Plan, wire};
+use haltere_gap::flight::statistics::statistics_of;
 use haltere_gap::nominal::Nominal;
 use haltere_gap::scene::Scene;
-use haltere_gap::statistics::statistics_of;
 use haltere_model::effects::{ALL, EffectSpec, Kind, ParameterSpec};
 use haltere_model::random::Stream;
 

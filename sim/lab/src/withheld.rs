@@ -10,10 +10,10 @@ use std::path::Path;
 use serde::Serialize;
 
 use haltere_gap::attribute::Attributor;
-use haltere_gap::library;
+use haltere_gap::bank::library;
+use haltere_gap::flight::statistics::specs;
 use haltere_gap::outcome::Outcome;
 use haltere_gap::scene::Told;
-use haltere_gap::statistics::specs;
 use haltere_model::effects::Block;
 
 use crate::blind::hall::{Bench, Hall, statistics};

@@ -1,7 +1,7 @@
 //! The advice on cases with known answers.
 
 use super::*;
-use crate::library;
+use crate::bank::library;
 
 fn hypothesis(id: &str, probability: f64, theta: &[f64], theta_90: &[[f64; 2]]) -> Hypothesis {
     let spec = library::standard().into_iter().find(|s| s.id == id).unwrap();

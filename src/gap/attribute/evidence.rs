@@ -266,7 +266,7 @@ pub(super) fn climb(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::axis::{Axis, Size};
+    use crate::bank::axis::{Axis, Size};
     use haltere_model::random::Stream;
 
     /// A linear effect in known noise: evidence and interval have closed forms.

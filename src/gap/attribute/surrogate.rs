@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector};
 use super::linear::{Noise, directions};
 use super::theta::Space;
 use super::whiten::Whitening;
-use crate::axis::Axis;
+use crate::bank::axis::Axis;
 
 /// Directions in which kernels are compared.
 const COMPARED_DIRECTIONS: usize = 10;
@@ -357,7 +357,7 @@ fn residual_noise(
 mod tests {
     use super::*;
     use crate::attribute::whiten::Standard;
-    use crate::axis::Size;
+    use crate::bank::axis::Size;
     use haltere_model::random::Stream;
 
     fn axes(thetas: &[&[f64]]) -> Vec<Axis> {

@@ -1,7 +1,7 @@
 //! Parameters of an effect on the unit cube: log-uniform where the range asks for it, whole numbers for choices
 //! (which anchor, which wall); and the features that signatures depend on.
 
-use crate::axis::Axis;
+use crate::bank::axis::Axis;
 use haltere_model::random::Stream;
 
 /// A positive range at least this wide, as a ratio, is searched on a logarithmic scale.
@@ -149,7 +149,7 @@ pub(super) fn normals(count: usize, d: usize) -> Vec<Vec<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::axis::Size;
+    use crate::bank::axis::Size;
 
     fn range(low: f64, high: f64) -> Axis {
         Axis { low, high, choice: false, size: None }

@@ -3,7 +3,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::axis::{Axis, Size as AxisSize};
+use crate::bank::axis::{Axis, Size as AxisSize};
 use crate::bank::{Bank, Draw, EffectDraws};
 use haltere_model::effects::Block;
 use haltere_model::random::Stream;

@@ -17,13 +17,13 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use haltere_model::Vehicle;
 use rayon::prelude::*;
 
-use crate::make_bank::{BankSize, Recipe, flown_by};
+use crate::bank::make_bank::{BankSize, Recipe, flown_by};
+use crate::bank::not_flown::{PARTS, usual};
+use crate::bank::workshop::BANK_SEED;
+use crate::flight::residuals::Flight;
+use crate::flight::trace::Trace;
 use crate::nominal::Nominal;
-use crate::not_flown::{PARTS, usual};
-use crate::residuals::Flight;
 use crate::scene::Scene;
-use crate::trace::Trace;
-use crate::workshop::BANK_SEED;
 
 /// Healthy flights of each vehicle that is tried, and how many of them must come to their end: a bank needs three of four.
 const FLIGHTS: usize = 8;
@@ -105,8 +105,8 @@ fn with_loops(scene: &Scene, flights: &[&Trace], vehicle: &Vehicle) -> Vehicle {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fly::fly_observed;
-    use crate::missions;
+    use crate::bank::fly::fly_observed;
+    use crate::bank::missions;
 
     /// Flights of a vehicle that another file says nothing of: it has slower loops, and hovers at five sevenths of
     /// the command. "0 of 60 simulated flights came to its end" was all that was said.

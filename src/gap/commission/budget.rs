@@ -28,12 +28,12 @@ use serde::Serialize;
 use super::constants::{CONSTANTS, Constant};
 use super::solve::{Evidence, Posterior};
 use super::{Hand, Linear, MEAN_FLIGHTS, NotCommissioned, SHARES, SLOPE_ERROR, TRIAL_FLIGHTS};
-use crate::logs::Flown;
+use crate::flight::logs::Flown;
+use crate::flight::statistics::{specs, statistics_of};
+use crate::flight::trace::Trace;
 use crate::normal;
 use crate::scene::Scene;
 use crate::shrink::{Paired, Shrink, mean, scales, shrink, to_all};
-use crate::statistics::{specs, statistics_of};
-use crate::trace::Trace;
 use haltere_model::effects::Block;
 
 /// Pairs of flights behind a slope: as few as say how sure it is, since all constants are asked for.

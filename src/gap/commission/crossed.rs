@@ -4,10 +4,10 @@ use serde::Serialize;
 
 use super::solve::Posterior;
 use super::{Hand, Linear, TRIAL_FLIGHTS, seeds};
+use crate::flight::statistics::{specs, statistics_of};
+use crate::flight::trace::Trace;
 use crate::normal::student_quantile;
 use crate::shrink::{compressed, mean, scales};
-use crate::statistics::{specs, statistics_of};
-use crate::trace::Trace;
 use haltere_model::Vehicle;
 use haltere_model::effects::Block;
 

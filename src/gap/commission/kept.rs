@@ -15,11 +15,11 @@ use super::{
     Hand, LEAST_FLIGHTS, LEAST_FLOWN, MEAN_FLIGHTS, NotCommissioned, commission_traces, moved_far,
     observed, seeds, why_not_yet,
 };
-use crate::logs::Flown;
+use crate::bank::workshop::mission_key;
+use crate::flight::logs::Flown;
+use crate::flight::trace::Trace;
 use crate::nominal::Nominal;
 use crate::scene::Scene;
-use crate::trace::Trace;
-use crate::workshop::mission_key;
 
 /// Flights that show whether the file will do: as many as the means and limits of commissioning are of.
 const FLIGHTS_AS_IS: usize = MEAN_FLIGHTS + BENIGN_FLIGHTS;
@@ -196,8 +196,8 @@ fn remember(path: &Path, vehicle: &Vehicle) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fly::fly_observed;
-    use crate::missions;
+    use crate::bank::fly::fly_observed;
+    use crate::bank::missions;
 
     #[test]
     fn prop_the_file_is_left_alone_where_it_will_do_and_what_was_kept_is_taken() {

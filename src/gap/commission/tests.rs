@@ -2,9 +2,9 @@
 
 use super::constants::CONSTANTS;
 use super::*;
-use crate::fly::fly_observed;
-use crate::missions;
-use crate::residuals::StatSpec;
+use crate::bank::fly::fly_observed;
+use crate::bank::missions;
+use crate::flight::residuals::StatSpec;
 use haltere_model::effects::Block;
 use haltere_model::random::Stream;
 

@@ -2,14 +2,14 @@
 
 use super::*;
 use crate::attribute::{Adequacy, BlockScore, Candidate, Gate, PairCandidate, Settings};
-use crate::axis::Axis;
+use crate::bank::axis::Axis;
+use crate::bank::library::standard;
 use crate::bank::{Bank, Draw, EffectDraws};
 use crate::commission::budget;
-use crate::library::standard;
+use crate::flight::statistics::specs;
 use crate::nominal::Nominal;
 use crate::outcome::Remainder;
 use crate::scene::Scene;
-use crate::statistics::specs;
 use haltere_core::measure::AnchorId;
 use haltere_log::replay::{Demand, Verdict};
 use haltere_model::random::Stream;

@@ -1,7 +1,7 @@
 //! The catalogue: names of the list, flights to their end, inside any room.
 
 use super::*;
-use crate::missions::wire;
+use crate::bank::missions::wire;
 use haltere_model::effects::ALL;
 use haltere_model::lockstep::{Lockstep, fly};
 use haltere_pilot::mission_file::MissionFile;

@@ -90,7 +90,7 @@ impl Flight {
         self.mode_since = at;
         wishes.push(Wish::FeelAnew { from, to: row.to });
         self.good_since = None;
-        self.guidance.enter(row.to, around.estimate, around.fence, at);
+        self.guidance.enter(row.to, around.estimate, &self.plans.fence, at);
         self.enter(around, from, event, out, wishes);
         self.record_mode(around, cause.because, out);
         let Cause { because, severity, number } = cause;

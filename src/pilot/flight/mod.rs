@@ -19,6 +19,7 @@ pub(crate) mod mission_items;
 pub(crate) mod mission_length;
 pub(crate) mod modes;
 pub(crate) mod place;
+pub(crate) mod plans;
 pub(crate) mod rally;
 pub(crate) mod resume;
 pub(crate) mod setpoint;
@@ -41,6 +42,7 @@ use guidance::Guidance;
 use hover::HoverThrust;
 use mission::Mission;
 use modes::Mode;
+use plans::Plans;
 use resume::Resumption;
 use shadow::Shadow;
 use supervisor::Supervisor;
@@ -54,6 +56,7 @@ pub(crate) struct Flight {
     pub(crate) supervisor: Supervisor,
     pub(crate) guidance: Guidance,
     pub(crate) mission: Mission,
+    pub(crate) plans: Plans,
     pub(crate) controller: Controller,
     /// Why nothing may fly with the gains in force.
     pub(crate) gains_refusal: Option<String>,
@@ -86,6 +89,7 @@ impl Flight {
             supervisor: Supervisor::default(),
             guidance: Guidance::new(config.flight.clone(), envelope, velocity_limit_mps, at),
             mission: Mission::default(),
+            plans: Plans::new(config.origin.in_force()),
             controller: Controller::new(config.control.clone()),
             gains_refusal: margins::refusal(&config.control),
             control: ControlRecord::default(),

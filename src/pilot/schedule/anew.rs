@@ -2,73 +2,74 @@
 //!
 //! Nobody is to notice. So the vehicle stands, nothing is under way for a station, and nothing was asked that
 //! neither the configuration nor the store brings back: rates of streams, home, a program by its name, a mission
-//! that was left half-way. What was set goes on with [`Pilot::settings`].
+//! that was left half-way. What was set goes on with [`settings`].
 
+use haltere_core::geo::LocalOrigin;
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
 use crate::config::PilotConfig;
 use crate::flight::modes::Mode;
+use crate::stations::Stations;
 use crate::stations::endpoint::OriginConfig;
+use crate::view::Sight;
 
 /// The vehicle stands for so long, s: as long as the recorder goes on after a flight.
 const STANDS_S: f64 = 10.0;
 /// An IMU that was not heard for so long says nothing about rest, s.
 const IMU_SILENT_S: f64 = 1.0;
 
-impl Pilot {
-    /// Whether another core may take this one's place.
-    pub fn may_begin_anew(&self) -> bool {
-        self.stands_long(self.clock.now) && self.nothing_is_under_way() && self.all_is_kept()
-    }
+/// Whether another core may take the place of the one that is looked at.
+pub(crate) fn may_begin(sight: &Sight<'_>, stations: &Stations) -> bool {
+    let now = sight.view.at;
+    let is_quiet = stations.askers.is_empty() && stations.services.is_quiet(now);
+    stands_long(sight) && is_quiet && all_is_kept(sight, stations)
+}
 
-    /// The configuration as stations have set it, for the core that comes next.
-    pub fn settings(&self) -> PilotConfig {
-        let mut settings = self.stations.services.settings().clone();
-        if self.origin != settings.origin.in_force() {
-            let place = self.origin.place();
-            settings.origin = OriginConfig {
-                latitude_deg: place.lat_rad.to_degrees(),
-                longitude_deg: place.lon_rad.to_degrees(),
-                altitude_m: place.alt_m,
-                north_deg: self.origin.room_north_rad().to_degrees(),
-            };
-        }
-        settings
+/// The configuration as stations have set it, for the core that comes next.
+pub(crate) fn settings(stations: &Stations, origin: &LocalOrigin) -> PilotConfig {
+    let mut settings = stations.services.settings().clone();
+    if *origin != settings.origin.in_force() {
+        let place = origin.place();
+        settings.origin = OriginConfig {
+            latitude_deg: place.lat_rad.to_degrees(),
+            longitude_deg: place.lon_rad.to_degrees(),
+            altitude_m: place.alt_m,
+            north_deg: origin.room_north_rad().to_degrees(),
+        };
     }
+    settings
+}
 
-    fn stands_long(&self, now: HostTime) -> bool {
-        let heard = |at: HostTime| now.seconds_since(at) < IMU_SILENT_S;
-        self.flight.mode == Mode::Disarmed
-            && now.seconds_since(self.flight.mode_since) >= STANDS_S
-            && !self.board.link.is_armed()
-            && !self.flight.lift_off_asked
-            && self.flight.ending.is_none()
-            && self.navigation.last_imu.is_some_and(heard)
-            && self.navigation.estimator.rested_s() >= STANDS_S
-    }
+fn stands_long(sight: &Sight<'_>) -> bool {
+    let (now, flight, navigation) = (sight.view.at, sight.flight, sight.navigation);
+    let heard = |at: HostTime| now.seconds_since(at) < IMU_SILENT_S;
+    flight.mode == Mode::Disarmed
+        && now.seconds_since(flight.mode_since) >= STANDS_S
+        && !sight.board.link.is_armed()
+        && !flight.lift_off_asked
+        && flight.ending.is_none()
+        && navigation.last_imu.is_some_and(heard)
+        && navigation.estimator.rested_s() >= STANDS_S
+}
 
-    fn nothing_is_under_way(&self) -> bool {
-        self.stations.askers.is_empty() && self.stations.services.is_quiet(self.clock.now)
-    }
-
-    fn all_is_kept(&self) -> bool {
-        let item = usize::from(self.flight.guidance.current_item);
-        self.config.store
-            && self.program_in_force().is_none()
-            && !self.flight.guidance.home_is_set()
-            && (item == 0 || item >= self.flight.mission.items.len())
-            && self.stations.grounds.iter().all(|ground| ground.streams.are_default())
-    }
+fn all_is_kept(sight: &Sight<'_>, stations: &Stations) -> bool {
+    let flight = sight.flight;
+    let item = usize::from(flight.guidance.current_item);
+    sight.view.config.store
+        && stations.services.program_in_force(flight.mission.id).is_none()
+        && !flight.guidance.home_is_set()
+        && (item == 0 || item >= flight.mission.items.len())
+        && stations.grounds.iter().all(|ground| ground.streams.are_default())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Pilot;
     use crate::flight::mission::{MissionItem, StoredItem};
     use crate::input::{Input, LinkId};
     use haltere_core::frames::Vec3;
-    use haltere_core::geo::{Geodetic, LocalOrigin};
+    use haltere_core::geo::Geodetic;
     use haltere_core::measure::AnchorId;
     use haltere_core::survey::Survey;
 

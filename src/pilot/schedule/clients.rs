@@ -11,8 +11,8 @@ use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 use haltere_core::topics::Topic;
 
+use super::act::Act;
 use super::said::{self, Heard};
-use crate::Pilot;
 use crate::flight::modes::Mode;
 use crate::flight::place::Location;
 use crate::flight::setpoint::{Owner, Setpoint, setpoint_from_global};
@@ -28,7 +28,7 @@ use crate::view::view;
 const GUIDED_POINT: u8 = 2;
 const GUIDED_HEIGHT: u8 = 3;
 
-impl Pilot {
+impl Act<'_> {
     pub(crate) fn ground_bytes(&mut self, at: HostTime, n: u8, bytes: &[u8]) {
         let index = usize::from(n);
         let Some(ground) = self.stations.grounds.get_mut(index) else { return };
@@ -61,7 +61,7 @@ impl Pilot {
             );
             self.out.lose(link, DropReason::MavSequenceGap, missing);
             if !heard_before {
-                self.stations.tell_lost(at, link, &mut self.out);
+                self.stations.tell_lost(at, link, self.out);
                 self.out.tell_recording(at, link);
             }
             let peer = (header.system_id, header.component_id);
@@ -70,7 +70,7 @@ impl Pilot {
             let passed = self.route_from_ground(at, index, &frame, decoded.as_ref().ok(), target);
             if decoded.is_ok() {
                 let waits = said::row(header.msg_id).is_some_and(|row| row.waits);
-                let out = &mut self.out;
+                let out = &mut *self.out;
                 self.stations.note_addressee(at, index, target, waits, passed, out);
             }
             match decoded {
@@ -102,7 +102,7 @@ impl Pilot {
             if let Some(answer) = self.refusal_of(heard) {
                 self.out.message(link, &answer);
             }
-            self.stations.note_refused(at, (link, peer), target, &mut self.out);
+            self.stations.note_refused(at, (link, peer), target, self.out);
         } else if !self.obey(heard) {
             self.out.lose(link, DropReason::MavIgnored, 1);
         }
@@ -125,7 +125,7 @@ impl Pilot {
 
     /// The sticks of a joystick.
     pub(crate) fn joystick(&mut self, heard: &Heard<'_>, sticks: &MANUAL_CONTROL_DATA) {
-        let (view, out) = (view!(self, heard.at), &mut self.out);
+        let (view, out) = (view!(self, heard.at), &mut *self.out);
         self.flight.manual_control(&view, (heard.link, heard.peer), sticks, out);
     }
 
@@ -144,7 +144,7 @@ impl Pilot {
         let checked = match message {
             Ok(_) if other => Err("setpoint refused: another client flies".to_owned()),
             // Nothing is held before it flies: what came on the floor would lead back there.
-            Ok(m) => Setpoint::from_wire(&m, &self.estimate, last.filter(|_| flying), at),
+            Ok(m) => Setpoint::from_wire(&m, self.estimate, last.filter(|_| flying), at),
             Err(why) => Err(why),
         };
         let volume = self.flight.guidance.volume();
@@ -159,7 +159,7 @@ impl Pilot {
                     .filter(|s| is_fresh(s) && s.owner == setpoint.owner);
                 setpoint.since = before.map_or(at, |s| s.since);
                 self.flight.guidance.setpoint = Some(setpoint);
-                self.stations.tell_unobeyed(at, &self.flight, &mut self.out);
+                self.stations.tell_unobeyed(at, self.flight, self.out);
             }
             Err(why) => self.out.refuse_setpoint(at, from.0, why),
         }
@@ -170,7 +170,7 @@ impl Pilot {
         heard: &Heard<'_>,
         m: &SET_POSITION_TARGET_GLOBAL_INT_DATA,
     ) {
-        let local = setpoint_from_global(m, &self.origin);
+        let local = setpoint_from_global(m, self.origin);
         self.take_setpoint(heard, local);
     }
 
@@ -194,7 +194,7 @@ impl Pilot {
         let height_only = current == GUIDED_HEIGHT;
         let command = MavCmd::MAV_CMD_DO_REPOSITION;
         let request = Request { link, peer, command, params: [f32::NAN; 4], location };
-        let answer = self.stations.wanted(&self.origin, &request).and_then(|wanted| {
+        let answer = self.stations.wanted(self.origin, &request).and_then(|wanted| {
             let horizontal_m = wanted.horizontal_m.filter(|_| !height_only);
             self.go_to(at, horizontal_m, wanted.height_m, None)
         });

@@ -6,8 +6,8 @@ use haltere_dialect::mav::haltere::{
 
 use haltere_core::time::HostTime;
 
+use super::act::Act;
 use super::said::Heard;
-use crate::Pilot;
 use crate::flight::modes::{Event, Mode};
 use crate::flight::place::room_from_deg;
 use crate::flight::place::{Location, WIRE_DEG};
@@ -23,7 +23,7 @@ use crate::view::around;
 const AVAILABLE_MODES_ID: f64 = 435.0;
 const MESSAGE_INTERVAL_ID: f64 = 244.0;
 
-impl Pilot {
+impl Act<'_> {
     /// MAV_CMD_INJECT_FAILURE: passed on to a board that stands disarmed, whose answer is the answer. What flies, who
     /// ever flies it, is not broken through us: a simulator has an endpoint of its own for that.
     pub(crate) fn inject_failure(&mut self, at: HostTime, request: &Request) -> Answer {
@@ -126,7 +126,7 @@ impl Pilot {
 
     pub(crate) fn checks_asked(&mut self, at: HostTime, request: &Request) -> bool {
         let result = if self.flight.mode == Mode::Disarmed {
-            self.flight.report_checks(&around!(self, at), true, &mut self.out);
+            self.flight.report_checks(&around!(self, at), true, self.out);
             MavResult::MAV_RESULT_ACCEPTED
         } else {
             MavResult::MAV_RESULT_TEMPORARILY_REJECTED
@@ -165,7 +165,7 @@ impl Pilot {
     /// SET_HOME_POSITION.
     pub(crate) fn home_set(&mut self, heard: &Heard<'_>, m: &SET_HOME_POSITION_DATA) {
         let [lat, lon] = [m.latitude, m.longitude].map(|w| f64::from(w) * WIRE_DEG);
-        if let Err((_, why)) = self.set_home(heard.at, room_from_deg(&self.origin, lat, lon)) {
+        if let Err((_, why)) = self.set_home(heard.at, room_from_deg(self.origin, lat, lon)) {
             self.out.say(heard.at, Severity::Warning, why);
         }
     }
@@ -175,7 +175,7 @@ impl Pilot {
         use MavResult as R;
         let (link, p) = (request.link, request.params.map(f64::from));
         if p[0] == MESSAGE_INTERVAL_ID {
-            return self.stations.send_interval(link, p[1], &mut self.out);
+            return self.stations.send_interval(link, p[1], self.out);
         }
         if p[0] == AVAILABLE_MODES_ID {
             let all = p[1] == 0.0;

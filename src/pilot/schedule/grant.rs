@@ -2,14 +2,14 @@
 
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
+use super::act::Act;
 use crate::view::view;
 use crate::wish::Wish;
 
-impl Pilot {
+impl Act<'_> {
     /// Grants in order what was wished for in the call that has just returned.
     pub(super) fn grant(&mut self, at: HostTime) {
-        let mut wishes = std::mem::take(&mut self.wishes);
+        let mut wishes = std::mem::take(self.wishes);
         for wish in wishes.drain(..) {
             match wish {
                 Wish::Disarm { force, later: false } => {
@@ -32,6 +32,6 @@ impl Pilot {
                 }
             }
         }
-        self.wishes = wishes;
+        *self.wishes = wishes;
     }
 }

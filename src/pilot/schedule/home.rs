@@ -7,7 +7,7 @@ use haltere_core::frames::Vec3;
 use haltere_core::geo::{Geodetic, LocalOrigin};
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
+use super::act::Act;
 use crate::flight::place::WIRE_DEG;
 use crate::input::LinkId;
 use crate::out::voice::Severity;
@@ -17,10 +17,10 @@ use crate::stations::endpoint::{GpsClaim, OriginConfig};
 /// Highest and lowest altitude that an origin may have, m: as in the configuration.
 const ALTITUDE_M: std::ops::RangeInclusive<f64> = -500.0..=9000.0;
 
-impl Pilot {
+impl Act<'_> {
     /// What only a new station must know: everybody else heard it.
     pub(crate) fn greet(&mut self, at: HostTime, link: LinkId) {
-        if self.origin == OriginConfig::default().in_force()
+        if *self.origin == OriginConfig::default().in_force()
             && self.stations.endpoint_on(link).gps != GpsClaim::None
         {
             let text =
@@ -57,7 +57,7 @@ impl Pilot {
                 "origin refused in flight: land first",
             );
         }
-        self.origin = origin;
+        *self.origin = origin;
         self.out.say(at, Severity::Info, format!("origin at {latitude_deg:.7} {longitude_deg:.7}"));
         for n in 0..self.stations.grounds.len() {
             let link = self.stations.grounds[n].link;
@@ -81,7 +81,7 @@ impl Pilot {
             let here = self.estimate.pos_E_m;
             return self.set_home(at, [here.x(), here.y()]);
         }
-        match self.stations.wanted(&self.origin, request)?.horizontal_m {
+        match self.stations.wanted(self.origin, request)?.horizontal_m {
             Some(point) => self.set_home(at, point),
             None => refuse(MavResult::MAV_RESULT_DENIED, "home refused: no point given"),
         }
@@ -91,7 +91,7 @@ impl Pilot {
     pub(crate) fn set_home(&mut self, at: HostTime, [north_m, east_m]: [f64; 2]) -> Answer {
         let home = Vec3::new(north_m, east_m, 0.0);
         let is_inside = self.flight.guidance.volume().contains_over(home)
-            && self.stations.services.plans.fence.contains([north_m, east_m]);
+            && self.flight.plans.fence.contains([north_m, east_m]);
         if !home.is_finite() || !is_inside {
             return refuse(
                 MavResult::MAV_RESULT_DENIED,

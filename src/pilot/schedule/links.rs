@@ -2,16 +2,16 @@
 
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
+use super::act::Act;
 use crate::input::LinkId;
 use crate::out::voice::Severity;
 use crate::view::view;
 
-impl Pilot {
+impl Act<'_> {
     pub(crate) fn link_up(&mut self, at: HostTime, link: LinkId) {
         match link {
             LinkId::Tag => {
-                self.navigation.tag_up(&view!(self, at), &mut self.out);
+                self.navigation.tag_up(&view!(self, at), self.out);
             }
             LinkId::Board => {
                 // The rest of a frame that was cut off will not come.
@@ -38,12 +38,12 @@ impl Pilot {
     pub(crate) fn link_down(&mut self, at: HostTime, link: LinkId) {
         match link {
             LinkId::Tag => {
-                self.navigation.tag_down(&view!(self, at), &mut self.out);
+                self.navigation.tag_down(&view!(self, at), self.out);
             }
             LinkId::Board => self.out.say(at, Severity::Error, "board disconnected".to_owned()),
             LinkId::Ground(n) => {
                 self.stations.services_forget(link);
-                self.stations.station_left(at, n, &mut self.out);
+                self.stations.station_left(at, n, self.out);
             }
         }
     }

@@ -7,10 +7,9 @@ use haltere_core::estimate::Health;
 use haltere_core::frames::Vec3;
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
+use super::act::Act;
 use crate::flight::arming::SHADOW_WORDS;
 use crate::flight::awaited::{Next, too_far};
-use crate::flight::fence::KEEP_M;
 use crate::flight::mission::LOWEST_M;
 use crate::flight::modes::{Event, Mode};
 use crate::flight::place::{Kind, Wanted, room_point};
@@ -29,7 +28,7 @@ const SPEED_MPS: std::ops::RangeInclusive<f64> = 0.05..=20.0;
 /// Largest angle of CONDITION_YAW, deg.
 const MOST_TURN_DEG: f64 = 360.0;
 
-impl Pilot {
+impl Act<'_> {
     pub(crate) fn arm_disarm(&mut self, at: HostTime, request: &Request) -> Answer {
         use MavResult as R;
         let arm = match request.params[0] {
@@ -60,7 +59,7 @@ impl Pilot {
                     format!("arming refused: {why}"),
                 );
             }
-            self.flight.tell_at_rest(&around!(self, at), &mut self.out);
+            self.flight.tell_at_rest(&around!(self, at), self.out);
             self.board.link.command_arm(true, false, at);
             self.stations.wait_for_board(at, request, Awaits::Arm);
             self.fire(at, Event::ArmAsked);
@@ -112,7 +111,7 @@ impl Pilot {
         } else {
             self.stations.kind_of(request)?
         };
-        let wanted = room_point(&self.origin, kind, [f64::NAN, f64::NAN, request.location.z()]);
+        let wanted = room_point(self.origin, kind, [f64::NAN, f64::NAN, request.location.z()]);
         self.ask_takeoff(at, wanted.height_m.unwrap_or(self.config.flight.takeoff_height_m))
     }
 
@@ -124,7 +123,7 @@ impl Pilot {
         if !here
             && !local
             && let Some([north_m, east_m]) =
-                self.stations.wanted(&self.origin, request)?.horizontal_m
+                self.stations.wanted(self.origin, request)?.horizontal_m
         {
             let pos = self.estimate.pos_E_m;
             let away_m = (north_m - pos.x()).hypot(east_m - pos.y());
@@ -144,7 +143,7 @@ impl Pilot {
     pub(crate) fn ask(&mut self, at: HostTime, event: Event, already: &[Mode]) -> Answer {
         if let Some(why) = self
             .flight
-            .forbids(event, &self.config, &self.navigation)
+            .forbids(event, self.config, self.navigation)
             .filter(|_| !already.contains(&self.flight.mode))
         {
             let what = wish(event);
@@ -233,7 +232,7 @@ impl Pilot {
         if self.flight.mission.items.is_empty() {
             return refuse(MavResult::MAV_RESULT_DENIED, "no mission: upload one first");
         }
-        if let Some(why) = self.stations.services.plans.mission_is_barred.clone() {
+        if let Some(why) = self.flight.plans.mission_is_barred.clone() {
             return refuse(MavResult::MAV_RESULT_DENIED, why);
         }
         if usize::from(self.flight.guidance.current_item) >= self.flight.mission.items.len() {
@@ -241,7 +240,7 @@ impl Pilot {
         }
         self.refuse_while_ending("mission")?;
         if self.flight.mode != Mode::Mission
-            && let Some(why) = self.first_leg_is_barred()
+            && let Some(why) = self.flight.first_leg_is_barred(self.estimate)
         {
             return refuse(MavResult::MAV_RESULT_DENIED, why);
         }
@@ -371,7 +370,7 @@ impl Pilot {
     /// Asks for a mode. While the vehicle climbs off the floor it follows when that is done.
     fn ask_or_wait(&mut self, at: HostTime, event: Event, mode: Mode, next: Next) -> Answer {
         let climbs = matches!(self.flight.mode, Mode::Spool | Mode::Takeoff);
-        if climbs && self.flight.forbids(event, &self.config, &self.navigation).is_none() {
+        if climbs && self.flight.forbids(event, self.config, self.navigation).is_none() {
             self.flight.guidance.next = next;
             return Ok(MavResult::MAV_RESULT_ACCEPTED);
         }
@@ -426,7 +425,7 @@ impl Pilot {
     /// DO_REPOSITION: a point, a height alone, or nothing at all, which is a pause.
     pub(crate) fn reposition(&mut self, at: HostTime, request: &Request) -> Answer {
         let Wanted { horizontal_m, height_m, is_global } =
-            self.stations.wanted(&self.origin, request)?;
+            self.stations.wanted(self.origin, request)?;
         if horizontal_m.is_none() && height_m.is_none() {
             return self.ask(at, Event::HoldAsked, &[Mode::Hold]);
         }
@@ -478,7 +477,7 @@ impl Pilot {
             );
         }
         if horizontal_m.is_some()
-            && let Some(why) = self.fence_bars([north_m, east_m])
+            && let Some(why) = self.flight.fence_bars([north_m, east_m], self.estimate)
         {
             return refuse(R::MAV_RESULT_DENIED, why);
         }
@@ -488,21 +487,6 @@ impl Pilot {
             self.flight.guidance.fly_to(point, yaw_rad);
         }
         Ok(answer)
-    }
-
-    /// Why the vehicle may not fly straight to a point.
-    fn fence_bars(&self, point: [f64; 2]) -> Option<String> {
-        let fence = &self.stations.services.plans.fence;
-        let here = self.estimate.pos_E_m;
-        let [north_m, east_m] = point;
-        if !fence.allows(point) {
-            return Some(format!(
-                "N {north_m:.2} E {east_m:.2} m is outside the fence, or within {KEEP_M} m of its border"
-            ));
-        }
-        let way_is_free = fence.allows_way([here.x(), here.y()], point);
-        (!way_is_free)
-            .then(|| format!("the fence bars the straight way to N {north_m:.2} E {east_m:.2} m"))
     }
 }
 

@@ -5,7 +5,7 @@ use haltere_dialect::mav::haltere::MavResult;
 use haltere_core::time::HostTime;
 use haltere_core::topics::Topic;
 
-use crate::Pilot;
+use super::act::Act;
 use crate::board::link::control::Change;
 use crate::board::link::news::BoardNews;
 use crate::board::second_board::Came;
@@ -18,10 +18,10 @@ use crate::view::view;
 /// the height is wrong by near the floor is still no more than 2 m/s.
 const AIR_M: f64 = 0.1;
 
-impl Pilot {
+impl Act<'_> {
     pub(crate) fn board_bytes(&mut self, at: HostTime, bytes: &[u8]) {
         let mode = self.flight.mode;
-        match self.board.bytes(at, mode, bytes, &mut self.out) {
+        match self.board.bytes(at, mode, bytes, self.out) {
             Came::Nothing => {}
             Came::Frames => self.board_frames(at),
             Came::Moved { late, splitter } => {
@@ -34,12 +34,12 @@ impl Pilot {
                 self.board_frames(at);
             }
         }
-        self.board.count_forgotten(&mut self.out);
+        self.board.count_forgotten(self.out);
     }
 
     pub(crate) fn board_frames(&mut self, at: HostTime) {
-        let (routing, stations) = (self.config.routing, &mut self.stations);
-        self.board.frames(at, self.flight.mode, &mut self.out, |link, frame, out| {
+        let (routing, stations) = (self.config.routing, &mut *self.stations);
+        self.board.frames(at, self.flight.mode, self.out, |link, frame, out| {
             stations.route_from_board(at, routing, link, frame, out);
         });
         self.take_board_news(at);
@@ -58,7 +58,7 @@ impl Pilot {
         match item {
             BoardNews::Imu(sample) => {
                 let is_over = self.flight.resumption.is_before_its_end(sample.valid_at);
-                self.navigation.imu(&view!(self, at), sample, is_over, &mut self.out);
+                self.navigation.imu(&view!(self, at), sample, is_over, self.out);
             }
             BoardNews::Attitude(attitude) => {
                 let before = self.board.attitude.replace(attitude);
@@ -119,27 +119,10 @@ impl Pilot {
             }
             BoardNews::ArmedAgain { denials } => self.board_armed_again(at, denials),
             BoardNews::ArmAnswer { arm, accepted, why } => {
-                let result = if accepted {
-                    MavResult::MAV_RESULT_ACCEPTED
-                } else {
-                    MavResult::MAV_RESULT_FAILED
-                };
-                self.stations.answer_askers(Awaits::arming(arm), result, &mut self.out);
-                if accepted {
-                } else if arm {
-                    self.out.say(at, Severity::Error, format!("arming failed: {why}"));
-                    self.fire(at, Event::ArmFailed);
-                } else if self.flight.mode == Mode::Disarming {
-                    // On the floor by our own signs, but the board disagrees.
-                    let (out, wishes) = (&mut self.out, &mut self.wishes);
-                    self.flight.insist_on_disarming(at, &why, out, wishes);
-                    self.grant(at);
-                } else {
-                    self.out.say(at, Severity::Error, format!("disarming failed: {why}"));
-                }
+                self.arm_answered(at, arm, accepted, &why)
             }
             BoardNews::PassedOnAnswer(result) => {
-                self.stations.answer_askers(Awaits::PassedOn, result, &mut self.out)
+                self.stations.answer_askers(Awaits::PassedOn, result, self.out)
             }
             BoardNews::Notice { warning, text } => {
                 let severity = if warning { Severity::Warning } else { Severity::Info };
@@ -167,6 +150,24 @@ impl Pilot {
                     self.flight.supervisor.heard.board_gap_s = Some(silent_s);
                 }
             }
+        }
+    }
+
+    /// The board has answered an order to arm or to disarm.
+    fn arm_answered(&mut self, at: HostTime, arm: bool, accepted: bool, why: &str) {
+        let result =
+            if accepted { MavResult::MAV_RESULT_ACCEPTED } else { MavResult::MAV_RESULT_FAILED };
+        self.stations.answer_askers(Awaits::arming(arm), result, self.out);
+        if accepted {
+        } else if arm {
+            self.out.say(at, Severity::Error, format!("arming failed: {why}"));
+            self.fire(at, Event::ArmFailed);
+        } else if self.flight.mode == Mode::Disarming {
+            // On the floor by our own signs, but the board disagrees.
+            self.flight.insist_on_disarming(at, why, self.out, self.wishes);
+            self.grant(at);
+        } else {
+            self.out.say(at, Severity::Error, format!("disarming failed: {why}"));
         }
     }
 

@@ -10,8 +10,8 @@ use haltere_dialect::mav::known;
 
 use haltere_core::time::HostTime;
 
+use super::act::Act;
 use super::said::{Heard, Permit};
-use crate::Pilot;
 use crate::flight::arming::SHADOW_WORDS;
 use crate::flight::modes::{Event, Mode};
 use crate::flight::place::Location;
@@ -31,9 +31,9 @@ pub struct Order {
     /// It arms, moves or breaks something: refused in words beside a vehicle that somebody else flies.
     pub refused_in_shadow: bool,
     /// Done by a service, which answers by itself and looks at no frame. `false`: it is not for the service.
-    serve: Option<fn(&mut Pilot, HostTime, &Request) -> bool>,
+    serve: Option<fn(&mut Act<'_>, HostTime, &Request) -> bool>,
     /// Done by us. `None`: unsupported.
-    act: Option<fn(&mut Pilot, HostTime, &Request) -> Answer>,
+    act: Option<fn(&mut Act<'_>, HostTime, &Request) -> Answer>,
 }
 
 impl Order {
@@ -181,17 +181,17 @@ pub static ORDERS: &[Order] = &[
     Order {
         command: MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
         steers: Steers::Rate,
-        act: Some(|p, at, r| p.stations.set_interval(at, r, &mut p.out)),
+        act: Some(|p, at, r| p.stations.set_interval(at, r, p.out)),
         ..ASKS
     },
     Order {
         command: MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL,
-        act: Some(|p, _, r| p.stations.send_interval(r.link, r.number(0), &mut p.out)),
+        act: Some(|p, _, r| p.stations.send_interval(r.link, r.number(0), p.out)),
         ..ASKS
     },
     Order {
         command: MavCmd::MAV_CMD_REQUEST_MESSAGE,
-        serve: Some(|p, at, r| p.stations.metadata_asked(at, r, &mut p.out)),
+        serve: Some(|p, at, r| p.stations.metadata_asked(at, r, p.out)),
         act: Some(|p, at, r| p.request_message(at, r)),
         ..ASKS
     },
@@ -208,7 +208,7 @@ pub static ORDERS: &[Order] = &[
     Order {
         command: MavCmd::MAV_CMD_PREFLIGHT_STORAGE,
         permit: Permit::Asks(|param1| param1 != STORAGE_RESET),
-        serve: Some(|p, at, r| p.stations.storage_asked(at, r, &mut p.out)),
+        serve: Some(|p, at, r| p.stations.storage_asked(at, r, p.out)),
         ..COMMANDS
     },
     Order {
@@ -242,7 +242,7 @@ pub(crate) fn asks(command: u16, param1: f32) -> bool {
     })
 }
 
-impl Pilot {
+impl Act<'_> {
     pub(crate) fn command_long(&mut self, heard: &Heard<'_>, m: &COMMAND_LONG_DATA) {
         let location = Location::Float {
             x: f64::from(m.param5),

@@ -2,16 +2,16 @@
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavMissionResult};
 
-use haltere_core::estimate::Health;
 use haltere_core::geo::LocalOrigin;
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
+use super::act::Act;
 use crate::flight::awaited::Next;
 use crate::flight::fence::{Fence, KEEP_M};
 use crate::flight::mission::{MOST_ITEMS, MissionItem, StoredItem, plan_id};
 use crate::flight::mission_items::{Refusal, Room, from_wire, is_global, place_E_m};
 use crate::flight::modes::{Event, Mode};
+use crate::flight::plans::leg_outside;
 use crate::flight::rally;
 use crate::out::voice::Severity;
 use crate::stations::services::files::{FileFault, FileTask, Plan};
@@ -19,14 +19,14 @@ use crate::stations::services::kept::Kept;
 use crate::stations::services::plans::{name_of, type_of};
 use crate::stations::services::{Purpose, plan_file};
 
-impl Pilot {
+impl Act<'_> {
     /// Another fence is in force: what it leaves of a leg under way, and of the places to return to.
     pub(crate) fn heed_fence(&mut self, at: HostTime) {
-        self.warn_of_lost_refuges(at);
+        self.flight.warn_of_lost_refuges(at, self.out);
         let guidance = &mut self.flight.guidance;
-        let estimate = &self.estimate;
+        let estimate = &*self.estimate;
         let [here, goal] = [estimate.pos_E_m, guidance.goal_E_m()].map(|p| [p.x(), p.y()]);
-        let fence = &self.stations.services.plans.fence;
+        let fence = &self.flight.plans.fence;
         if fence.allows_way(here, goal) {
             return;
         }
@@ -42,25 +42,6 @@ impl Pilot {
             // To another place, if there is one.
             Mode::Return => guidance.enter(Mode::Return, estimate, fence, at),
             _ => {}
-        }
-    }
-
-    fn warn_of_lost_refuges(&mut self, at: HostTime) {
-        let fence = &self.stations.services.plans.fence;
-        let names = std::iter::once("home".to_owned())
-            .chain((0..).map(|seq: usize| format!("rally point {seq}")));
-        // On the floor home is wherever the next take-off will be, unless it was set by hand.
-        let is_home_open = !self.flight.guidance.home_is_set() && !self.flight.mode.has_thrust();
-        let forbidden: Vec<String> = names
-            .zip(self.flight.guidance.refuges_NE_m())
-            .skip(usize::from(is_home_open))
-            .filter(|(_, place)| !fence.contains(*place))
-            .map(|(name, [north_m, east_m])| {
-                format!("no return to {name}, N {north_m:.2} E {east_m:.2} m: the fence forbids it")
-            })
-            .collect();
-        for text in forbidden {
-            self.out.say(at, Severity::Warning, text);
         }
     }
 
@@ -83,7 +64,7 @@ impl Pilot {
                     .map(|wire| from_wire(&wire, &room).map(|item| StoredItem { wire, item }))
                     .collect::<Result<Vec<_>, _>>()?;
                 check_jumps(&stored)?;
-                if let Some(seq) = leg_outside(&stored, &self.stations.services.plans.fence) {
+                if let Some(seq) = leg_outside(&stored, &self.flight.plans.fence) {
                     let why = format!(
                         "item {seq}: it, or the way to it, is outside the fence, or within \
                          {KEEP_M} m of its border",
@@ -93,7 +74,7 @@ impl Pilot {
                 }
                 self.flight.mission.replace(stored);
                 self.flight.guidance.new_mission();
-                self.stations.services.plans.mission_is_barred = None;
+                self.flight.plans.mission_is_barred = None;
                 if self.flight.mission.items.is_empty()
                     && self.flight.guidance.next == Next::Mission
                     && !self.flight.mode.has_thrust()
@@ -112,53 +93,23 @@ impl Pilot {
                     );
                     return Err((MavMissionResult::MAV_MISSION_DENIED, why));
                 }
-                self.stations.services.plans.fence_id = plan_id(items.iter());
-                self.stations.services.plans.fence_items = items;
-                self.stations.services.plans.fence = fence;
-                self.stations.services.plans.refuge_m = here;
-                self.bar_mission();
+                self.flight.plans.fence_id = plan_id(items.iter());
+                self.flight.plans.fence_items = items;
+                self.flight.plans.fence = fence;
+                self.flight.plans.refuge_m = here;
+                self.flight.bar_mission();
             }
             Plan::Rally => {
                 let places = places(&items, origin.as_ref())?;
                 let volume = self.flight.guidance.volume();
-                let fence = &self.stations.services.plans.fence;
+                let fence = &self.flight.plans.fence;
                 rally::check(&items, &places, volume, fence)?;
                 self.flight.guidance.set_rally_points(places);
-                self.stations.services.plans.rally_id = plan_id(items.iter());
-                self.stations.services.plans.rally_items = items;
+                self.flight.plans.rally_id = plan_id(items.iter());
+                self.flight.plans.rally_items = items;
             }
         }
         Ok(())
-    }
-
-    /// Looks whether the mission still lies inside the fence.
-    fn bar_mission(&mut self) {
-        let barred = leg_outside(&self.flight.mission.items, &self.stations.services.plans.fence);
-        self.stations.services.plans.mission_is_barred = barred.map(|seq| {
-            format!(
-                "mission barred: item {seq} or the way to it is outside the fence",
-                seq = seq.saturating_add(1)
-            )
-        });
-    }
-
-    /// Why the mission cannot begin here: the fence lies between the vehicle and its first place.
-    pub(crate) fn first_leg_is_barred(&self) -> Option<String> {
-        let mut rest =
-            self.flight.mission.items.iter().skip(usize::from(self.flight.guidance.current_item));
-        let (seq, first) = rest.find_map(|item| Some((item.wire.seq, item.item.place_NE_m()?)))?;
-        // Nobody knows yet where it stands: the leg is looked at when it begins.
-        if self.estimate.health == Health::NotAligned {
-            return None;
-        }
-        let pos = self.estimate.pos_E_m;
-        let is_free = self.stations.services.plans.fence.allows_way([pos.x(), pos.y()], first);
-        (!is_free).then(|| {
-            format!(
-                "mission refused: the fence bars the straight way from here to item {seq}",
-                seq = seq.saturating_add(1)
-            )
-        })
     }
 
     /// The room has moved on the globe: items given in global frames are elsewhere in it.
@@ -172,7 +123,7 @@ impl Pilot {
                 let text = format!("{} no longer fits the room: {why}", name_of(plan));
                 self.out.say(at, Severity::Warning, text.clone());
                 match plan {
-                    Plan::Mission => self.stations.services.plans.mission_is_barred = Some(text),
+                    Plan::Mission => self.flight.plans.mission_is_barred = Some(text),
                     // Kept as it was: a fence that is elsewhere is better than none.
                     Plan::Fence | Plan::Rally => {}
                 }
@@ -206,7 +157,7 @@ impl Pilot {
                     self.heed_fence(at);
                 }
             }
-            Err(why) => self.stations.note_lost(at, Kept::Plan(plan), &why, &mut self.out),
+            Err(why) => self.stations.note_lost(at, Kept::Plan(plan), &why, self.out),
         }
     }
 
@@ -272,29 +223,4 @@ fn check_jumps(items: &[StoredItem]) -> Result<(), Refusal> {
         }
     }
     Ok(())
-}
-
-/// The first item that lies outside the fence, or to which the straight way leaves it.
-fn leg_outside(items: &[StoredItem], fence: &Fence) -> Option<u16> {
-    if fence.is_empty() {
-        return None;
-    }
-    let mut before: Option<[f64; 2]> = None;
-    for stored in items {
-        let next = match stored.item {
-            // Where the jump leads: the next place from there on.
-            MissionItem::Jump { to, .. } => {
-                items.iter().skip(usize::from(to)).find_map(|next| next.item.place_NE_m())
-            }
-            _ => stored.item.place_NE_m(),
-        };
-        let Some(next) = next else { continue };
-        if !fence.allows(next) || !fence.allows_way(before.unwrap_or(next), next) {
-            return Some(stored.wire.seq);
-        }
-        if !matches!(stored.item, MissionItem::Jump { .. }) {
-            before = Some(next);
-        }
-    }
-    None
 }

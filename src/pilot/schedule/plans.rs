@@ -6,7 +6,7 @@ use haltere_dialect::mav::haltere::{
 
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
+use super::act::Act;
 use crate::flight::mission_items::{Room, from_wire};
 use crate::flight::modes::{Event, Mode};
 use crate::input::LinkId;
@@ -23,7 +23,7 @@ const ITEM_BYTES: usize = 50;
 /// Partial lists under way.
 const MOST_PARTIAL: usize = 8;
 
-impl Pilot {
+impl Act<'_> {
     /// MISSION_WRITE_PARTIAL_LIST.
     pub(crate) fn write_partial(
         &mut self,
@@ -96,16 +96,16 @@ impl Pilot {
         let progress = self.stations.services.plans.transfer.tick(at);
         self.upload_progress(at, progress);
         let here = [self.estimate.pos_E_m.x(), self.estimate.pos_E_m.y()];
-        if self.stations.services.plans.fence.contains(here) {
-            self.stations.services.plans.refuge_m = here;
+        if self.flight.plans.fence.contains(here) {
+            self.flight.plans.refuge_m = here;
         }
         let origin = self.local_origin();
-        if origin != self.stations.services.plans.origin && self.flight.mode != Mode::Mission {
-            self.stations.services.plans.origin = origin;
+        if origin != self.flight.plans.origin && self.flight.mode != Mode::Mission {
+            self.flight.plans.origin = origin;
             self.derive_anew(at);
         }
         if self.flight.mode == Mode::Mission
-            && let Some(why) = self.stations.services.plans.mission_is_barred.clone()
+            && let Some(why) = self.flight.plans.mission_is_barred.clone()
         {
             self.fire(at, Event::HoldAsked);
             self.out.say(at, Severity::Warning, why);
@@ -129,24 +129,24 @@ impl Pilot {
     pub(crate) fn plan_items(&self, plan: Plan) -> Vec<MISSION_ITEM_INT_DATA> {
         match plan {
             Plan::Mission => self.flight.mission.items.iter().map(|s| s.wire.clone()).collect(),
-            Plan::Fence => self.stations.services.plans.fence_items.clone(),
-            Plan::Rally => self.stations.services.plans.rally_items.clone(),
+            Plan::Fence => self.flight.plans.fence_items.clone(),
+            Plan::Rally => self.flight.plans.rally_items.clone(),
         }
     }
 
     pub(crate) fn plan_len(&self, plan: Plan) -> usize {
         match plan {
             Plan::Mission => self.flight.mission.items.len(),
-            Plan::Fence => self.stations.services.plans.fence_items.len(),
-            Plan::Rally => self.stations.services.plans.rally_items.len(),
+            Plan::Fence => self.flight.plans.fence_items.len(),
+            Plan::Rally => self.flight.plans.rally_items.len(),
         }
     }
 
     fn plan_id(&self, plan: Plan) -> u32 {
         match plan {
             Plan::Mission => self.flight.mission.id,
-            Plan::Fence => self.stations.services.plans.fence_id,
-            Plan::Rally => self.stations.services.plans.rally_id,
+            Plan::Fence => self.flight.plans.fence_id,
+            Plan::Rally => self.flight.plans.rally_id,
         }
     }
 
@@ -154,8 +154,8 @@ impl Pilot {
         let index = usize::from(seq);
         let stored = match plan_of(mission_type) {
             Some(Plan::Mission) => self.flight.mission.items.get(index).map(|stored| &stored.wire),
-            Some(Plan::Fence) => self.stations.services.plans.fence_items.get(index),
-            Some(Plan::Rally) => self.stations.services.plans.rally_items.get(index),
+            Some(Plan::Fence) => self.flight.plans.fence_items.get(index),
+            Some(Plan::Rally) => self.flight.plans.rally_items.get(index),
             None => None,
         };
         let is_mission = plan_of(mission_type) == Some(Plan::Mission);
@@ -290,7 +290,7 @@ impl Pilot {
                 let text = format!("{} of {} items in force", name_of(plan), self.plan_len(plan));
                 self.out.say(at, Severity::Info, text);
                 self.keep_plan(at, plan);
-                self.stations.warn_of_barred_mission(at, &mut self.out);
+                self.flight.warn_of_barred_mission(at, self.out);
                 if plan == Plan::Fence {
                     self.heed_fence(at);
                 }

@@ -8,7 +8,7 @@ use haltere_dialect::mav::haltere::{MavCmd, MavResult};
 
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
+use super::act::Act;
 use crate::out::voice::Severity;
 use crate::stations::mission_transfer::Client;
 use crate::stations::services::files::{FileFault, FileTask};
@@ -20,13 +20,7 @@ const MOST_NAMES: usize = 64;
 /// Steps in which progress is told.
 const QUARTERS: usize = 4;
 
-impl Pilot {
-    /// The program that the mission in force is, if it is one.
-    pub(crate) fn program_in_force(&self) -> Option<&str> {
-        let (id, name) = self.stations.services.program.as_ref()?;
-        (*id == self.flight.mission.id).then_some(name)
-    }
-
+impl Act<'_> {
     pub(crate) fn program_command(&mut self, at: HostTime, client: Client, number: f32) {
         let job = if number == 0.0 {
             Job::Names(client)
@@ -47,7 +41,9 @@ impl Pilot {
         let count = self.flight.mission.items.len();
         let quarter = |items: usize| QUARTERS * items / count.max(1);
         let done = usize::from(seq) + 1;
-        let Some(name) = self.program_in_force() else { return };
+        let Some(name) = self.stations.services.program_in_force(self.flight.mission.id) else {
+            return;
+        };
         if quarter(done) > quarter(done - 1) {
             let percent = quarter(done) * 100 / QUARTERS;
             let text = format!("program {name}: {percent} %, item {done} of {count} done");

@@ -7,8 +7,8 @@ use haltere_dialect::mav_stream::MavFrame;
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 
+use super::act::Act;
 use super::said;
-use crate::Pilot;
 use crate::flight::arming::SHADOW_WORDS;
 use crate::flight::modes::Mode;
 use crate::input::LinkId;
@@ -26,7 +26,7 @@ fn command_of(frame: &MavFrame<'_>, message: Option<&MavMessage>) -> Option<Opti
     }
 }
 
-impl Pilot {
+impl Act<'_> {
     /// Said once when a board is found that cannot be told from us.
     pub(crate) fn check_board_id(&mut self, at: HostTime, system_id: u8) {
         if self.config.routing == Routing::Board && system_id == self.out.own.system_id {
@@ -58,7 +58,7 @@ impl Pilot {
         }
         let again = self.out.passed_on.is_again(at, frame.raw);
         let mut passed =
-            self.stations.route_to_stations(Some(index), frame, target, again, &mut self.out);
+            self.stations.route_to_stations(Some(index), frame, target, again, self.out);
         passed |= !again && self.route_to_board(at, index, frame, message, target);
         self.out.note_passed(at, self.stations.grounds[index].link, frame, again, passed);
         again || passed
@@ -74,7 +74,7 @@ impl Pilot {
         target: (u8, u8),
     ) -> bool {
         let sender = (frame.header.system_id, frame.header.component_id);
-        let Some(board) = routed_board(self.config.routing, &self.board.link, &self.out) else {
+        let Some(board) = routed_board(self.config.routing, &self.board.link, self.out) else {
             return false;
         };
         if target.0 != 0 && target.0 != board {

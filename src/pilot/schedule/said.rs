@@ -11,8 +11,8 @@ use haltere_dialect::mav::haltere::{
 
 use haltere_core::time::HostTime;
 
+use super::act::Act;
 use super::ordered;
-use crate::Pilot;
 use crate::input::LinkId;
 use crate::out::voice::Severity;
 use crate::stations::mission_transfer::{Client, ack};
@@ -59,9 +59,9 @@ pub struct Said {
     /// Its sender waits for something.
     pub waits: bool,
     /// What is answered to who may only look. `None`: no word of refusal in this protocol, nothing changes.
-    refused: fn(&mut Pilot, &Heard<'_>) -> Option<MavMessage>,
+    refused: fn(&mut Act<'_>, &Heard<'_>) -> Option<MavMessage>,
     /// What is done. `false`: nothing, the message is ignored.
-    act: fn(&mut Pilot, &Heard<'_>) -> bool,
+    act: fn(&mut Act<'_>, &Heard<'_>) -> bool,
 }
 
 /// Does something with the fields of a message.
@@ -118,7 +118,7 @@ pub static SAID: &[Said] = &[
         waits: true,
         act: |p, h| {
             on!(h, PARAM_REQUEST_READ(m) => {
-                p.stations.parameter_read(h.link, h.peer, m, &mut p.out)
+                p.stations.parameter_read(h.link, h.peer, m, p.out)
             })
         },
         ..LOOKS
@@ -264,7 +264,7 @@ pub static SAID: &[Said] = &[
         steers: true,
         act: |p, h| {
             on!(h, REQUEST_DATA_STREAM(m) => {
-                p.stations.request_streams(h.at, h.link, m, &mut p.out)
+                p.stations.request_streams(h.at, h.link, m, p.out)
             })
         },
         ..LOOKS
@@ -384,7 +384,7 @@ pub static SAID: &[Said] = &[
         },
         act: |p, h| {
             on!(h, FILE_TRANSFER_PROTOCOL(m) => {
-                p.stations.ftp_message(h.at, h.client(), &m.payload, &mut p.out)
+                p.stations.ftp_message(h.at, h.client(), &m.payload, p.out)
             })
         },
         ..COMMANDS
@@ -401,13 +401,13 @@ pub static SAID: &[Said] = &[
     Said {
         id: 117,
         name: "LOG_REQUEST_LIST",
-        act: |p, h| on!(h, LOG_REQUEST_LIST(m) => p.stations.log_list(h.at, h.client(), m, &mut p.out)),
+        act: |p, h| on!(h, LOG_REQUEST_LIST(m) => p.stations.log_list(h.at, h.client(), m, p.out)),
         ..LOOKS
     },
     Said {
         id: 119,
         name: "LOG_REQUEST_DATA",
-        act: |p, h| on!(h, LOG_REQUEST_DATA(m) => p.stations.log_data(h.at, h.client(), m, &mut p.out)),
+        act: |p, h| on!(h, LOG_REQUEST_DATA(m) => p.stations.log_data(h.at, h.client(), m, p.out)),
         ..LOOKS
     },
     Said {
@@ -415,7 +415,7 @@ pub static SAID: &[Said] = &[
         name: "LOG_ERASE",
         act: |p, h| {
             let is_armed = p.board.link.is_armed();
-            p.stations.log_erase(h.at, is_armed, &mut p.out);
+            p.stations.log_erase(h.at, is_armed, p.out);
             true
         },
         ..COMMANDS
@@ -510,7 +510,7 @@ fn no_mission(heard: &Heard<'_>, kind: u8) -> Option<MavMessage> {
     Some(ack(heard.peer, kind, MavMissionResult::MAV_MISSION_DENIED, 0))
 }
 
-impl Pilot {
+impl Act<'_> {
     /// Does what a message asks for that is for us or for everyone. `false`: it is ignored.
     pub(crate) fn obey(&mut self, heard: &Heard<'_>) -> bool {
         row(heard.id).is_some_and(|row| (row.act)(self, heard))
@@ -529,7 +529,7 @@ impl Pilot {
             target_component: self.out.own.component_id,
             param_id: m.param_id,
         };
-        self.stations.parameter_read(heard.link, heard.peer, &read, &mut self.out);
+        self.stations.parameter_read(heard.link, heard.peer, &read, self.out);
         MavMessage::PARAM_ERROR(PARAM_ERROR_DATA {
             param_index: -1,
             target_system: heard.peer.0,

@@ -1,26 +1,17 @@
-//! The services for stations, as far as they need other parts: what is due, what the disk has answered, the fence.
+//! The services for stations, as far as they need other parts: what is due, and what the disk has answered.
 
 use haltere_dialect::mav::haltere::{MavCmd, MavResult};
 
-use haltere_core::control::Command;
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
-use crate::flight::fence::Guarded;
-use crate::flight::modes::{Event, Mode};
+use super::act::Act;
 use crate::out::voice::Severity;
 use crate::stations::services::budget::Bucket;
 use crate::stations::services::kept::Kept;
-use crate::stations::services::{FileFault, FileRequest, PARAMETERS_TICKET, Purpose};
+use crate::stations::services::{FileFault, PARAMETERS_TICKET, Purpose};
 use crate::view::around;
 
-/// The fence has let go when it did not hold the vehicle back for this long, s: at the border that comes and
-/// goes with the noise of the estimate.
-const HELD_OVER_S: f64 = 1.0;
-/// A return that is held back for this long lands, s: before it has lost its course over it.
-const HELD_LANDS_S: f64 = 3.0;
-
-impl Pilot {
+impl Act<'_> {
     /// Once a control step: what is due, and what was begun.
     pub(crate) fn service_tick(&mut self, at: HostTime) {
         if !self.stations.services.has_begun {
@@ -31,8 +22,8 @@ impl Pilot {
             self.take_answer(at, purpose, Err(FileFault::TimedOut), &[]);
         }
         self.plan_tick(at);
-        self.flight.event_tick(&around!(self, at), &mut self.out);
-        self.stations.fence_tick(at, &self.flight, &self.estimate);
+        self.flight.event_tick(&around!(self, at), self.out);
+        self.stations.fence_tick(at, self.flight, self.estimate);
         for n in 0..self.stations.grounds.len() {
             let link = self.stations.grounds[n].link;
             if !self.out.is_open(link) {
@@ -46,11 +37,11 @@ impl Pilot {
             };
             let mut budget = bucket.step(line_Bps, !self.stations.grounds[n].is_full);
             self.partial_tick(link, &mut budget);
-            self.stations.parameter_tick(link, &mut budget, &mut self.out);
-            self.stations.log_tick(at, link, &mut budget, &mut self.out);
-            self.stations.ftp_tick(at, link, &mut budget, &mut self.out);
+            self.stations.parameter_tick(link, &mut budget, self.out);
+            self.stations.log_tick(at, link, &mut budget, self.out);
+            self.stations.ftp_tick(at, link, &mut budget, self.out);
             self.stations.services.buckets.push((link, bucket));
-            self.stations.settle(n, &mut self.out);
+            self.stations.settle(n, self.out);
         }
     }
 
@@ -63,7 +54,7 @@ impl Pilot {
         bytes: &[u8],
     ) {
         if ticket == PARAMETERS_TICKET {
-            self.stations.parameters_told(at, result, bytes, &mut self.out);
+            self.stations.parameters_told(at, result, bytes, self.out);
         } else if let Some(purpose) = self.stations.services.desk.take(ticket) {
             self.take_answer(at, purpose, result, bytes);
         }
@@ -102,44 +93,15 @@ impl Pilot {
             (Purpose::LoadPlan(plan), Err(fault)) => {
                 let why = String::from_utf8_lossy(bytes);
                 let why = if why.is_empty() { fault.words().into() } else { why };
-                self.stations.note_lost(at, Kept::Plan(plan), &why, &mut self.out);
+                self.stations.note_lost(at, Kept::Plan(plan), &why, self.out);
             }
             (Purpose::Ftp(job), result) => {
-                self.stations.ftp_answer(at, job, result, bytes, &mut self.out)
+                self.stations.ftp_answer(at, job, result, bytes, self.out)
             }
             (Purpose::Logs(job), result) => {
-                self.stations.log_answer(at, job, result, bytes, &mut self.out)
+                self.stations.log_answer(at, job, result, bytes, self.out)
             }
             (Purpose::Program(job), result) => self.program_answer(at, job, result, bytes),
-        }
-    }
-
-    /// Yields the tasks for the disk, in order, and forgets them.
-    pub fn drain_file_requests(&mut self, take: impl FnMut(FileRequest)) {
-        self.stations.services.desk.drain().for_each(take);
-    }
-
-    /// The fence has the last word on what the controller is asked for. A leg that it bars ends in Hold; a
-    /// return, on which somebody relies to come down, lands when it has hung there for a while.
-    pub(crate) fn keep_inside_fence(&mut self, at: HostTime, command: &mut Command) {
-        let plans = &mut self.stations.services.plans;
-        let guarded = plans.fence.guard(command, &self.estimate, plans.refuge_m);
-        let follows = matches!(self.flight.mode, Mode::Offboard | Mode::Manual);
-        if guarded != Some(Guarded::HeldBack) && !(follows && guarded.is_some()) {
-            let is_over = |last| at.seconds_since(last) > HELD_OVER_S;
-            plans.held_back = plans.held_back.filter(|(_, last)| !is_over(*last));
-            return;
-        }
-        let (since, _) = plans.held_back.unwrap_or((at, at));
-        if plans.held_back.replace((since, at)).is_none() {
-            let pos = self.estimate.pos_E_m;
-            let text = format!("held back by the fence at N {:.2} E {:.2} m", pos.x(), pos.y());
-            self.out.say(at, Severity::Warning, text);
-        }
-        if matches!(self.flight.mode, Mode::Mission | Mode::Goto) {
-            self.fire(at, Event::HoldAsked);
-        } else if at.seconds_since(since) > HELD_LANDS_S {
-            self.fire(at, Event::NoWayHome);
         }
     }
 }

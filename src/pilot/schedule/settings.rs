@@ -5,30 +5,30 @@ use haltere_dialect::mav::haltere::PARAM_SET_DATA;
 use haltere_core::control::{Handover, margins};
 use haltere_core::geo::LocalOrigin;
 
+use super::act::Act;
 use super::said::Heard;
-use crate::Pilot;
 use crate::flight::tilt_step::Envelope;
 
-impl Pilot {
+impl Act<'_> {
     /// PARAM_SET.
     pub(crate) fn set_parameter(&mut self, heard: &Heard<'_>, m: &PARAM_SET_DATA) {
         let (at, mode) = (heard.at, self.flight.mode);
-        let change = self.stations.parameter_set(at, mode, heard.client(), m, &mut self.out);
+        let change = self.stations.parameter_set(at, mode, heard.client(), m, self.out);
         if let Some(change) = change {
-            change.put_in(&mut self.config);
+            change.put_in(self.config);
             self.configuration_changed();
         }
     }
 
     /// Where the room lies on Earth.
     pub(crate) fn local_origin(&self) -> Option<LocalOrigin> {
-        Some(self.origin)
+        Some(*self.origin)
     }
 
     /// A value of the configuration changed: everything that has a copy takes it over. Outputs of
     /// the controller go on from where they are and fade to the new law.
     pub(crate) fn configuration_changed(&mut self) {
-        let envelope = Envelope::of(&self.config, &self.survey);
+        let envelope = Envelope::of(self.config, self.survey);
         self.flight.guidance.reconfigure(
             self.config.flight.clone(),
             envelope,

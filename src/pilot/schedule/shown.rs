@@ -4,12 +4,12 @@ use haltere_dialect::mav::haltere::{MISSION_ITEM_REACHED_DATA, MavMessage};
 
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
+use super::act::Act;
 use crate::input::LinkId;
 use crate::stations::shown::Shown;
 use crate::stations::{streams, telemetry_global};
 
-impl Pilot {
+impl Act<'_> {
     /// Sends one message of a stream. `false`: it is none of ours, or has nothing to say yet.
     pub(crate) fn send_telemetry(&mut self, at: HostTime, link: LinkId, msg_id: u32) -> bool {
         let Some(stream) = streams::of(msg_id) else { return false };
@@ -19,15 +19,15 @@ impl Pilot {
             at,
             link,
             endpoint: self.stations.endpoint_on(link),
-            config: &self.config,
-            origin: &self.origin,
-            estimate: &self.estimate,
-            clock: &self.clock,
-            out: &self.out,
-            navigation: &self.navigation,
-            board: &self.board,
-            flight: &self.flight,
-            stations: &self.stations,
+            config: self.config,
+            origin: self.origin,
+            estimate: self.estimate,
+            clock: self.clock,
+            out: self.out,
+            navigation: self.navigation,
+            board: self.board,
+            flight: self.flight,
+            stations: self.stations,
             may_arm: &may_arm,
         };
         let message = stream.message(&shown, &mut turns);
@@ -62,11 +62,11 @@ impl Pilot {
     }
 
     pub(crate) fn origin_message(&self) -> MavMessage {
-        telemetry_global::origin_at(self.clock.now, &self.origin)
+        telemetry_global::origin_at(self.clock.now, self.origin)
     }
 
     pub(crate) fn home_message(&self) -> MavMessage {
         let home_E_m = self.flight.guidance.home_E_m();
-        telemetry_global::home_at(self.clock.now, &self.origin, home_E_m)
+        telemetry_global::home_at(self.clock.now, self.origin, home_E_m)
     }
 }

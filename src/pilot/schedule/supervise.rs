@@ -4,7 +4,7 @@
 use haltere_core::estimate::Health;
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
+use super::act::Act;
 use crate::flight::modes::{Event, Mode};
 use crate::navigation::floor::{Felt, HELD_UP_FOR_S, NEAR_FLOOR_M, Reason, TOUCH_FOR_S};
 use crate::view::{around, view};
@@ -15,7 +15,7 @@ use crate::view::{around, view};
 const HELD_UP_SHARE: f64 = 0.9;
 const BLIND_HELD_UP_SHARE: f64 = 0.95;
 
-impl Pilot {
+impl Act<'_> {
     pub(super) fn supervise(&mut self, at: HostTime) {
         // The board was never seen armed, or its heartbeat came before we asked: nothing is left
         // to wait for.
@@ -25,22 +25,19 @@ impl Pilot {
         {
             self.fire(at, Event::BoardDisarmed);
         }
-        let (out, wishes) = (&mut self.out, &mut self.wishes);
-        self.flight.pursue_next(&around!(self, at), out, wishes);
+        self.flight.pursue_next(&around!(self, at), self.out, self.wishes);
         self.grant(at);
         if self.flight.mode == Mode::Idle {
             if self.flight.lift_off_asked {
-                let (out, wishes) = (&mut self.out, &mut self.wishes);
-                self.flight.lift_off(&around!(self, at), out, wishes);
+                self.flight.lift_off(&around!(self, at), self.out, self.wishes);
                 self.grant(at);
             } else if at.seconds_since(self.flight.mode_since) > self.config.flight.idle_disarm_s {
                 self.fire(at, Event::IdleTooLong);
             }
         }
-        let (out, wishes) = (&mut self.out, &mut self.wishes);
-        self.flight.pursue_end(&around!(self, at), out, wishes);
+        self.flight.pursue_end(&around!(self, at), self.out, self.wishes);
         self.grant(at);
-        self.flight.watch_resumption(&around!(self, at), &mut self.wishes);
+        self.flight.watch_resumption(&around!(self, at), self.wishes);
         self.grant(at);
         self.walk_conditions(at);
         if !self.flight.mode.has_thrust() {
@@ -69,8 +66,8 @@ impl Pilot {
         let near = self.flight.supervisor.descent.height_m < NEAR_FLOOR_M
             || self.navigation.is_low_by_baro(&view!(self, at));
         let bad =
-            !self.navigation.is_uwb_fresh(at) || !self.navigation.estimate_is_back(&self.estimate);
-        if near || bad || self.flight.needs_descent(&self.config) {
+            !self.navigation.is_uwb_fresh(at) || !self.navigation.estimate_is_back(self.estimate);
+        if near || bad || self.flight.needs_descent(self.config) {
             self.flight.good_since = None;
         } else if at.seconds_since(*self.flight.good_since.get_or_insert(at))
             > self.flight.back_for_s()
@@ -87,7 +84,7 @@ impl Pilot {
                 self.navigation.touch.ceiling_frac = self.flight.standing_ceiling_frac();
             }
             let share = self.flight.control.thrust_frac
-                / self.flight.hover_thrust_frac(&self.config).max(0.05);
+                / self.flight.hover_thrust_frac(self.config).max(0.05);
             let low = self.flight.supervisor.descent.is_low()
                 || self.navigation.is_low_by_baro(&view!(self, at));
             let held_up = self.flight.supervisor.descent.is_held_up(share, HELD_UP_SHARE);
@@ -101,7 +98,7 @@ impl Pilot {
             self.take_floor(at, felt);
         } else {
             let share = self.flight.control.thrust_frac
-                / self.flight.hover_thrust_frac(&self.config).max(0.05);
+                / self.flight.hover_thrust_frac(self.config).max(0.05);
             let descent = &self.flight.supervisor.descent;
             let low = descent.is_low() || self.navigation.is_low_by_baro(&view!(self, at));
             let held_up = low && descent.is_held_up(share, BLIND_HELD_UP_SHARE);

@@ -113,7 +113,7 @@ pub(crate) fn version(shown: &Shown<'_>) -> MavMessage {
 
 /// FENCE_STATUS.
 pub(crate) fn fence(shown: &Shown<'_>) -> MavMessage {
-    shown.stations.fence_status()
+    shown.stations.fence_status(shown.flight)
 }
 
 /// HALTERE_ESTIMATE.
@@ -187,8 +187,7 @@ pub(crate) fn sys_status(shown: &Shown<'_>) -> MavMessage {
     health.set(S::MAV_SYS_STATUS_SENSOR_GPS, usable && shown.endpoint.gps == GpsClaim::OriginGps);
     health.set(
         S::MAV_SYS_STATUS_GEOFENCE,
-        fence_status::breach(shown.flight, &shown.stations.services.plans.fence, shown.estimate)
-            .is_none(),
+        fence_status::breach(shown.flight, shown.estimate).is_none(),
     );
     let imu_fresh =
         shown.navigation.last_imu.is_some_and(|t| shown.clock.now.seconds_since(t) < 0.2);
@@ -329,7 +328,7 @@ pub(crate) fn mission_current(shown: &Shown<'_>) -> MavMessage {
     } else {
         MissionState::MISSION_STATE_PAUSED
     };
-    let (fence_id, rally_points_id) = shown.stations.services.plans.ids();
+    let (fence_id, rally_points_id) = shown.flight.plans.ids();
     MavMessage::MISSION_CURRENT(MISSION_CURRENT_DATA {
         seq: seq.min(total.saturating_sub(1)),
         // The protocol writes "no mission" as the largest number.

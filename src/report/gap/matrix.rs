@@ -6,7 +6,7 @@
 use std::fmt::Write as _;
 
 use crate::report::svg::escape;
-use haltere_gap::cells::{Part, REGIMES, WINDOWS};
+use haltere_gap::flight::cells::{Part, REGIMES, WINDOWS};
 use haltere_gap::matrix::{Matrix, Square};
 
 /// Width and height of a cell, of the row labels, of the column labels, pixels.

@@ -199,7 +199,7 @@ fn sizes(d: &Diagnosis) -> String {
 
 /// An effect by its id, with its name.
 fn named(id: &str) -> String {
-    let spec = haltere_gap::library::find(id);
+    let spec = haltere_gap::bank::library::find(id);
     spec.map_or_else(|| id.to_owned(), |spec| format!("{id} {}", spec.name))
 }
 
@@ -483,7 +483,7 @@ fn why_not(k: usize, c: &Candidate, first: &Candidate) -> String {
     if c.residual_score > first.residual_score + 3.0 {
         why.push(format!("leaves {:.0} sigma more", c.residual_score - first.residual_score));
     }
-    let spec = haltere_gap::library::find(&c.id);
+    let spec = haltere_gap::bank::library::find(&c.id);
     for (p, v) in spec.iter().flat_map(|s| s.parameters).zip(&c.theta) {
         let width = p.high - p.low;
         let choice =

@@ -4,9 +4,9 @@ use std::fmt::Write as _;
 
 use crate::report::html::{self, Cell};
 use crate::report::svg::escape;
+use haltere_gap::bank::library::find;
 use haltere_gap::diagnosis::{Diagnosis, Effect};
 use haltere_gap::experiments::telling_apart;
-use haltere_gap::library::find;
 
 use super::named;
 

@@ -7,12 +7,12 @@ use std::time::Instant;
 
 use haltere_gap::attribute::{Attribution, Attributor};
 use haltere_gap::bank::LEAST_NULLS;
+use haltere_gap::bank::make_bank::BankSize;
+use haltere_gap::bank::workshop::Workshop;
 use haltere_gap::diagnosis::{Observed, observed};
-use haltere_gap::logs::{self, Flown};
-use haltere_gap::make_bank::BankSize;
+use haltere_gap::flight::logs::{self, Flown};
+use haltere_gap::flight::statistics::ANCHOR_SLOTS;
 use haltere_gap::scene::Told;
-use haltere_gap::statistics::ANCHOR_SLOTS;
-use haltere_gap::workshop::Workshop;
 use haltere_model::effects::EffectSpec;
 
 use super::{Answer, BlindError, Choice, Entry, Given, Public, Suite};

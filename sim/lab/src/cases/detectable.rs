@@ -18,10 +18,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow};
 use haltere::progress::Progress;
-use haltere_gap::logs;
+use haltere_gap::flight::logs;
+use haltere_gap::flight::statistics::observe;
 use haltere_gap::nominal::Nominal;
 use haltere_gap::scene::{Scene, Told};
-use haltere_gap::statistics::observe;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::Result;
 use haltere::taped::{self, Outcome};
-use haltere_gap::missions;
+use haltere_gap::bank::missions;
 use haltere_gap::scene::Scene;
 
 use super::list::Mission;

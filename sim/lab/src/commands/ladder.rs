@@ -17,8 +17,8 @@ use serde_json::Value;
 use haltere::cli::gap::observed_flights;
 use haltere::cli::print;
 use haltere_gap::attribute::{Attributor, Rungs, Settings};
-use haltere_gap::bank_file;
-use haltere_gap::statistics::specs;
+use haltere_gap::bank::bank_file;
+use haltere_gap::flight::statistics::specs;
 use haltere_model::effects::Block;
 
 /// Says for flights whose cause is known which step of the diagnosis loses the name.

@@ -1,7 +1,7 @@
 //! The healthy vehicle flies; every effect flies and shows; nothing is shared with the model.
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd};
-use haltere_gap::missions;
+use haltere_gap::bank::missions;
 use haltere_gap::scene::Scene;
 use haltere_model::lockstep::{Flight, Lockstep, Sample, World, fly};
 use rayon::prelude::*;

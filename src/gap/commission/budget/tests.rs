@@ -1,8 +1,8 @@
 //! Budgets of flights of the simulator itself, beside a vehicle file in which constants were altered.
 
 use super::*;
-use crate::fly::fly_observed;
-use crate::missions;
+use crate::bank::fly::fly_observed;
+use crate::bank::missions;
 use haltere_model::Vehicle;
 
 /// Constants that are asked for: few, so that the tests are short.

@@ -177,7 +177,7 @@ fn prop_nothing_takes_off_with_an_estimator_that_is_not_aligned() {
         pilot.flight.guidance.next = Next::Mission;
         for ms in (10..3000).step_by(10) {
             if pilot.flight.mode == Mode::Arming && ms > 500 {
-                pilot.fire(at(ms), Event::BoardArmed);
+                pilot.act().fire(at(ms), Event::BoardArmed);
             }
             pilot.handle(at(ms), crate::input::Input::Wake);
             assert!(!pilot.flight.mode.has_thrust(), "{from:?}: {:?}", pilot.flight.mode);

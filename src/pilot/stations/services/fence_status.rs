@@ -7,7 +7,6 @@ use haltere_core::estimate::Estimate;
 use haltere_core::time::HostTime;
 
 use crate::flight::Flight;
-use crate::flight::fence::Fence;
 use crate::stations::Stations;
 
 /// Height above the ceiling of the flight volume that is still no breach, m: the estimate's noise.
@@ -35,9 +34,9 @@ impl Default for FenceWatch {
 
 impl Stations {
     /// FENCE_STATUS.
-    pub(crate) fn fence_status(&self) -> MavMessage {
+    pub(crate) fn fence_status(&self, flight: &Flight) -> MavMessage {
         let watch = &self.services.fence_watch;
-        let held_back = self.services.plans.held_back.is_some();
+        let held_back = flight.plans.held_back.is_some();
         MavMessage::FENCE_STATUS(FENCE_STATUS_DATA {
             breach_time: (watch.last_at.as_us() / 1000) as u32,
             breach_count: watch.count,
@@ -53,7 +52,7 @@ impl Stations {
 
     /// Once a control step.
     pub(crate) fn fence_tick(&mut self, at: HostTime, flight: &Flight, estimate: &Estimate) {
-        let breach = breach(flight, &self.services.plans.fence, estimate);
+        let breach = breach(flight, estimate);
         let watch = &mut self.services.fence_watch;
         if let Some(breach) = breach
             && !watch.is_outside
@@ -68,7 +67,7 @@ impl Stations {
 
 /// The border that the vehicle is beyond. On the floor it leaves nothing by being below its bottom, and where it was
 /// put is looked at when it arms.
-pub(crate) fn breach(flight: &Flight, fence: &Fence, estimate: &Estimate) -> Option<FenceBreach> {
+pub(crate) fn breach(flight: &Flight, estimate: &Estimate) -> Option<FenceBreach> {
     if !flight.mode.has_thrust() {
         return None;
     }
@@ -77,6 +76,6 @@ pub(crate) fn breach(flight: &Flight, fence: &Fence, estimate: &Estimate) -> Opt
     if -pos.z() > volume.height_m + CEILING_MARGIN_M {
         return Some(FenceBreach::FENCE_BREACH_MAXALT);
     }
-    let inside = volume.contains_over(pos) && fence.contains([pos.x(), pos.y()]);
+    let inside = volume.contains_over(pos) && flight.plans.fence.contains([pos.x(), pos.y()]);
     (!inside).then_some(FenceBreach::FENCE_BREACH_BOUNDARY)
 }

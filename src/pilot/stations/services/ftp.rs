@@ -168,6 +168,31 @@ impl Stations {
         }
     }
 
+    /// What an upload brings is kept in memory until its session ends.
+    fn ftp_write(&mut self, at: HostTime, client: Client, request: &Packet) -> Packet {
+        use MavFtpErr as E;
+        let Some(session) = self.services.ftp.session(request.session, client) else {
+            return request.nak(E::MAV_FTP_ERR_INVALIDSESSION);
+        };
+        session.used_at = at;
+        let Content::Upload { bytes, .. } = &mut session.content else {
+            return request.nak(E::MAV_FTP_ERR_FILEPROTECTED);
+        };
+        let start = request.offset as usize;
+        let end = start.saturating_add(request.data.len());
+        if end > MOST_MISSION_BYTES {
+            return request.nak(E::MAV_FTP_ERR_FAIL);
+        }
+        if bytes.len() < end {
+            bytes.resize(end, 0);
+        }
+        for (slot, byte) in bytes.iter_mut().skip(start).zip(&request.data) {
+            *slot = *byte;
+        }
+        let written = (request.data.len() as u32).to_le_bytes().to_vec();
+        request.ack(written)
+    }
+
     /// `None`: the answer comes later.
     fn ftp_request(
         &mut self,
@@ -243,28 +268,7 @@ impl Stations {
             },
             READ => self.ftp_read(at, client, request, out),
             BURST => self.ftp_burst(at, client, request),
-            WRITE => {
-                let Some(session) = self.services.ftp.session(request.session, client) else {
-                    return Some(request.nak(E::MAV_FTP_ERR_INVALIDSESSION));
-                };
-                session.used_at = at;
-                let Content::Upload { bytes, .. } = &mut session.content else {
-                    return Some(request.nak(E::MAV_FTP_ERR_FILEPROTECTED));
-                };
-                let start = request.offset as usize;
-                let end = start.saturating_add(request.data.len());
-                if end > MOST_MISSION_BYTES {
-                    return Some(request.nak(E::MAV_FTP_ERR_FAIL));
-                }
-                if bytes.len() < end {
-                    bytes.resize(end, 0);
-                }
-                for (slot, byte) in bytes.iter_mut().skip(start).zip(&request.data) {
-                    *slot = *byte;
-                }
-                let written = (request.data.len() as u32).to_le_bytes().to_vec();
-                Some(request.ack(written))
-            }
+            WRITE => Some(self.ftp_write(at, client, &request)),
             REMOVE => match request.path().and_then(place) {
                 Some(Place::File(file)) if file.folder == Folder::Missions => {
                     let job = Job::Remove(client, request.clone());

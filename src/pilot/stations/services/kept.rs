@@ -5,6 +5,7 @@
 use haltere_core::time::HostTime;
 
 use super::Purpose;
+use super::Services;
 use super::files::{FileFault, Plan};
 use super::plans::name_of;
 use crate::input::LinkId;
@@ -89,13 +90,13 @@ impl Stations {
     }
 }
 
-impl view::Kept for Stations {
+impl view::Kept for Services {
     fn lost_forbids(&self) -> Option<String> {
-        if self.services.desk.waits_for(|purpose| matches!(purpose, Purpose::LoadPlan(_))) {
+        if self.desk.waits_for(|purpose| matches!(purpose, Purpose::LoadPlan(_))) {
             return Some("fence, rally points and mission are still being read".to_owned());
         }
-        let text = self.services.lost.texts().next()?;
-        let (kept, _) = self.services.lost.0.first()?;
+        let text = self.lost.texts().next()?;
+        let (kept, _) = self.lost.0.first()?;
         let way_out = match kept {
             Kept::Parameters => "set them, or reset them",
             Kept::Plan(_) => "upload it, or clear it",

@@ -98,7 +98,7 @@ impl Services {
             buckets: Vec::new(),
             parameters: Parameters::new(config),
             metadata: Metadata::new(),
-            plans: Plans::new(Some(config.origin.in_force())),
+            plans: Plans::default(),
             ftp: Ftp::default(),
             logs: Logs::default(),
             fence_watch: FenceWatch::default(),
@@ -111,6 +111,12 @@ impl Services {
     /// As stations have set it.
     pub fn settings(&self) -> &PilotConfig {
         &self.parameters.wanted
+    }
+
+    /// The program that a mission is, if it is one.
+    pub fn program_in_force(&self, mission_id: u32) -> Option<&str> {
+        let (id, name) = self.program.as_ref()?;
+        (*id == mission_id).then_some(name)
     }
 
     /// Whether nobody waits for anything, and nobody must be told of anything that is missing.

@@ -3,16 +3,13 @@
 //! What is new is put in force whole or not at all, and kept over a restart. While a mission is
 //! flown, neither it nor its fence can be replaced: hold first.
 
-use haltere_dialect::mav::haltere::{
-    MISSION_ITEM_INT_DATA, MavMessage, MavMissionResult, MavMissionType,
-};
+use haltere_dialect::mav::haltere::{MavMessage, MavMissionResult, MavMissionType};
 
-use haltere_core::geo::LocalOrigin;
 use haltere_core::time::HostTime;
 
 use super::Purpose;
 use super::files::{FileFault, FileTask, Plan};
-use crate::flight::fence::{Fence, MOST_CORNERS};
+use crate::flight::fence::MOST_CORNERS;
 use crate::flight::mission::MOST_ITEMS;
 use crate::flight::rally;
 use crate::out::Out;
@@ -29,51 +26,17 @@ pub(crate) struct PartialList {
     pub(crate) last: u16,
 }
 
-/// State of the three lists beside the mission itself, and of the upload.
-#[derive(Debug)]
+/// Uploads and partial lists under way; what is in force belongs to the flight.
+#[derive(Debug, Default)]
 pub(crate) struct Plans {
     pub transfer: MissionTransfer,
     pub(crate) partial: Vec<PartialList>,
-    pub(crate) fence_items: Vec<MISSION_ITEM_INT_DATA>,
-    pub(crate) fence_id: u32,
-    pub fence: Fence,
-    pub(crate) rally_items: Vec<MISSION_ITEM_INT_DATA>,
-    pub(crate) rally_id: u32,
-    /// Where the room was when items were turned into it.
-    pub(crate) origin: Option<LocalOrigin>,
-    /// Why the mission may not be flown.
-    pub mission_is_barred: Option<String>,
-    /// Where the vehicle was last inside the fence, N and E, m.
-    pub refuge_m: [f64; 2],
-    /// Since when the fence holds the vehicle back, and when it last did.
-    pub held_back: Option<(HostTime, HostTime)>,
 }
 
 impl Plans {
-    pub fn new(origin: Option<LocalOrigin>) -> Self {
-        Self {
-            transfer: MissionTransfer::default(),
-            partial: Vec::new(),
-            fence_items: Vec::new(),
-            fence_id: 0,
-            fence: Fence::default(),
-            rally_items: Vec::new(),
-            rally_id: 0,
-            origin,
-            mission_is_barred: None,
-            refuge_m: [0.0; 2],
-            held_back: None,
-        }
-    }
-
     /// Whether nobody uploads or reads a list.
     pub fn is_idle(&self, at: HostTime) -> bool {
         self.transfer.is_idle(at) && self.partial.is_empty()
-    }
-
-    /// Ids of fence and rally points, as MISSION_CURRENT tells them.
-    pub fn ids(&self) -> (u32, u32) {
-        (self.fence_id, self.rally_id)
     }
 }
 
@@ -143,12 +106,6 @@ impl Out {
 }
 
 impl Stations {
-    pub(crate) fn warn_of_barred_mission(&mut self, at: HostTime, out: &mut Out) {
-        if let Some(why) = self.services.plans.mission_is_barred.clone() {
-            out.say(at, Severity::Warning, why);
-        }
-    }
-
     /// Asks for what was kept.
     pub(crate) fn restore_plans(&mut self, at: HostTime) {
         // Rally points first: a fence that came later does not undo them, it leaves them out.

@@ -7,11 +7,11 @@ use std::path::Path;
 
 use anyhow::{Result, anyhow};
 use haltere::progress::Progress;
-use haltere_gap::axis::Axis;
+use haltere_gap::bank::axis::Axis;
+use haltere_gap::bank::bank_file;
+use haltere_gap::bank::make_bank::BankSize;
 use haltere_gap::bank::{Bank, Draw, EffectDraws};
-use haltere_gap::bank_file;
-use haltere_gap::make_bank::BankSize;
-use haltere_gap::statistics::specs;
+use haltere_gap::flight::statistics::specs;
 use rayon::prelude::*;
 
 use super::Bench;

@@ -6,7 +6,7 @@ use std::sync::Mutex;
 
 use anyhow::{Context, Result, anyhow};
 use haltere::progress::Progress;
-use haltere_gap::statistics::specs;
+use haltere_gap::flight::statistics::specs;
 use haltere_log::written::{Old, Output};
 use rayon::prelude::*;
 use serde_json::json;
