@@ -46,6 +46,11 @@ impl<Q: Copy + PartialEq> Asked<Q> {
         Some(fitted)
     }
 
+    /// The question under way.
+    pub fn under_way(&self) -> Option<Q> {
+        self.question
+    }
+
     /// How often the question under way was sent.
     pub fn times(&self) -> u32 {
         self.times

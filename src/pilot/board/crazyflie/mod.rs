@@ -5,6 +5,8 @@
 
 mod asked;
 mod axes;
+mod blocks;
 mod board_time;
 mod joined;
+mod setup;
 mod tdoa;
