@@ -16,6 +16,7 @@ use haltere::simulated::faults::happen;
 use haltere::simulated::scenario::Scenario;
 use haltere::vehicles;
 use haltere_core::time::HostTime;
+use haltere_model::board::Firmware;
 use haltere_model::tag::TagProtocol;
 use haltere_model::{Fault, Plant, Vehicle};
 use haltere_pilot::settings::Address;
@@ -28,6 +29,7 @@ use crate::board_wire::BoardWire;
 use crate::firmware::InnerLoop;
 use crate::lateness::Lateness;
 use crate::orders::{self, Next, Order, Orders};
+use crate::packet_wire::PacketWire;
 use crate::truth_file::TruthFile;
 
 /// `haltere-sim serve`
@@ -55,9 +57,10 @@ pub struct Options {
     #[arg(long, value_name = "P", value_parser = tag_protocol)]
     pub tag_protocol: Option<TagProtocol>,
     /// The board's own end of its line, `udpin:HOST:PORT` or `udpout:HOST:PORT`. Default:
-    /// udpout:127.0.0.1:14600; where another simulator speaks there, the next port that is free.
-    #[arg(long, value_name = "ADDR")]
-    pub board: Option<Address>,
+    /// udpout:127.0.0.1:14600; where another simulator speaks there, the next port that is free. With `crazyflie`
+    /// the board is one whatever the scenario says, at the first free port from 19850 on, one packet a datagram.
+    #[arg(long, value_name = "ADDR", value_parser = board_at)]
+    pub board: Option<BoardAt>,
     /// Instead of the simulated board a real firmware flies the vehicle: its physics are served on this UDP
     /// port of the loopback, by ArduPilot's JSON interface; it speaks to the companion by itself.
     #[arg(long, value_name = "PORT", conflicts_with = "board")]
@@ -89,20 +92,26 @@ const GIVE_UP_WITH_FIRMWARE_US: u64 = 20_000;
 /// Speeds that make sense: the links and the companion live in real time.
 const SPEEDS: std::ops::RangeInclusive<f64> = 0.01..=100.0;
 
+/// Where the board speaks, or which one it is.
+#[derive(Debug, Clone, PartialEq)]
+pub enum BoardAt {
+    Address(Address),
+    Crazyflie,
+}
+
+fn board_at(text: &str) -> Result<BoardAt, String> {
+    match text {
+        "crazyflie" => Ok(BoardAt::Crazyflie),
+        _ => text.parse().map(BoardAt::Address).map_err(|why| format!("{why}")),
+    }
+}
+
 fn tag_protocol(text: &str) -> Result<TagProtocol, String> {
     match text {
         "lps-sniffer" | "tdoa2" => Ok(TagProtocol::Tdoa2),
         "tdoa3" => Ok(TagProtocol::Tdoa3),
         "mavlink" => Ok(TagProtocol::Mavlink),
         _ => Err("allowed lps-sniffer (the same as tdoa2), tdoa3, mavlink".into()),
-    }
-}
-
-/// What the companion has to write into `tag.protocol`.
-fn companion_protocol(protocol: TagProtocol) -> &'static str {
-    match protocol {
-        TagProtocol::Tdoa2 | TagProtocol::Tdoa3 => "lps-sniffer",
-        TagProtocol::Mavlink => "mavlink",
     }
 }
 
@@ -115,6 +124,9 @@ pub fn serve(options: &Options) -> Result<bool> {
     let mut scenario = Scenario::load(options.scenario.as_deref())?;
     scenario.seed = options.seed.unwrap_or(scenario.seed);
     scenario.tag.protocol = options.tag_protocol.unwrap_or(scenario.tag.protocol);
+    if options.board == Some(BoardAt::Crazyflie) {
+        scenario.board.firmware = Firmware::Crazyflie;
+    }
     let faults = scenario.fixed_faults()?;
     let mut plant = plant(options.vehicle.as_deref(), &scenario)?;
     let mut tag = TagPty::new(options.tag_link.as_deref())?;
@@ -126,9 +138,15 @@ pub fn serve(options: &Options) -> Result<bool> {
             let inner = InnerLoop::listen(interface, plant.vehicle(), start_E_m)?;
             BoardSide::Firmware(Box::new(inner))
         }
+        None if scenario.board.firmware == Firmware::Crazyflie => {
+            if let Some(BoardAt::Address(address)) = &options.board {
+                bail!("--board {address}: a Crazyflie takes the first free port from 19850 on");
+            }
+            BoardSide::Crazyflie(PacketWire::open_free()?)
+        }
         None => BoardSide::Simulated(match &options.board {
-            Some(address) => BoardWire::open(address)?,
-            None => BoardWire::open_free()?,
+            Some(BoardAt::Address(address)) => BoardWire::open(address)?,
+            _ => BoardWire::open_free()?,
         }),
     };
     let inputs: Vec<&Path> = [&options.scenario, &options.vehicle]
@@ -139,9 +157,9 @@ pub fn serve(options: &Options) -> Result<bool> {
         options.truth.as_deref().map(|path| TruthFile::create(path, &inputs)).transpose()?;
     let greeting = json!({
         "tag": tag.device(),
-        "tag_protocol": companion_protocol(scenario.tag.protocol),
-        "board": board.wire().map(|wire| wire.companion_address().to_string()),
-        "board_own": board.wire().map(|wire| wire.own_address().to_string()),
+        "tag_protocol": scenario.companion_keys().1,
+        "board": board.companion_address(),
+        "board_own": board.own_address(),
         "json_physics": options.json_physics,
         "hil_physics": options.hil_physics,
         "truth": options.truth,
@@ -165,7 +183,7 @@ pub fn serve(options: &Options) -> Result<bool> {
     tracing::info!(
         ticks.late,
         tag_dropped_bytes = tag.dropped(),
-        board_dropped_bytes = board.wire().map_or(0, BoardWire::dropped),
+        board_dropped_bytes = board.dropped(),
         board_refused_datagrams = board.wire().map_or(0, BoardWire::refused),
         firmware_restarts_and_strange = ?board.restarts_and_strange(),
         waited = ticks.waited,
@@ -215,6 +233,7 @@ struct Ticks {
 /// Whose inner loop it is.
 enum BoardSide {
     Simulated(BoardWire),
+    Crazyflie(PacketWire),
     Firmware(Box<InnerLoop>),
 }
 
@@ -222,13 +241,48 @@ impl BoardSide {
     fn wire(&self) -> Option<&BoardWire> {
         match self {
             Self::Simulated(wire) => Some(wire),
+            Self::Crazyflie(_) | Self::Firmware(_) => None,
+        }
+    }
+
+    /// What the companion has to be told.
+    fn companion_address(&self) -> Option<String> {
+        match self {
+            Self::Simulated(wire) => Some(wire.companion_address().to_string()),
+            Self::Crazyflie(wire) => Some(wire.companion_address()),
             Self::Firmware(_) => None,
+        }
+    }
+
+    /// Its own end; of a Crazyflie as cflib is told.
+    fn own_address(&self) -> Option<String> {
+        match self {
+            Self::Simulated(wire) => Some(wire.own_address().to_string()),
+            Self::Crazyflie(wire) => Some(wire.uri()),
+            Self::Firmware(_) => None,
+        }
+    }
+
+    fn dropped(&self) -> u64 {
+        match self {
+            Self::Simulated(wire) => wire.dropped(),
+            Self::Crazyflie(wire) => wire.dropped,
+            Self::Firmware(_) => 0,
+        }
+    }
+
+    fn read(&mut self, into: &mut Vec<u8>) {
+        into.clear();
+        match self {
+            Self::Simulated(wire) => wire.read(now_us(), into),
+            Self::Crazyflie(wire) => wire.read(into),
+            Self::Firmware(_) => {}
         }
     }
 
     fn restarts_and_strange(&self) -> (u64, u64) {
         match self {
-            Self::Simulated(_) => (0, 0),
+            Self::Simulated(_) | Self::Crazyflie(_) => (0, 0),
             Self::Firmware(inner) => inner.restarts_and_strange(),
         }
     }
@@ -259,8 +313,8 @@ fn run(
     let mut truth_due_us = 0;
     let mut faults = faults.into_iter().peekable();
     let give_up_us = match board {
-        BoardSide::Simulated(_) => GIVE_UP_US,
         BoardSide::Firmware(_) => GIVE_UP_WITH_FIRMWARE_US,
+        _ => GIVE_UP_US,
     };
     while !stop.asked() {
         deadline_us += TICK_US;
@@ -269,7 +323,7 @@ fn run(
         if late_us > TICK_US {
             ticks.late += 1;
         }
-        if matches!(board, BoardSide::Simulated(_)) {
+        if !matches!(board, BoardSide::Firmware(_)) {
             ticks.lateness.note(late_us);
         }
         if late_us > give_up_us {
@@ -303,12 +357,9 @@ fn run(
         if !from_tag.is_empty() {
             plant.tag_input(&from_tag);
         }
-        if let BoardSide::Simulated(wire) = &mut *board {
-            from_board.clear();
-            wire.read(now_us(), &mut from_board);
-            if !from_board.is_empty() {
-                plant.board_input(&from_board);
-            }
+        board.read(&mut from_board);
+        if !from_board.is_empty() {
+            plant.board_input(&from_board);
         }
         plant.advance_to(simulated_us);
         let output = plant.tag_output();
@@ -319,6 +370,7 @@ fn run(
         output.clear();
         match &mut *board {
             BoardSide::Simulated(wire) => wire.write(now_us(), plant.board_output()),
+            BoardSide::Crazyflie(wire) => wire.write(plant.board_output()),
             BoardSide::Firmware(inner) => inner.answer(plant, simulated_us),
         }
         plant.board_output().clear();

@@ -15,6 +15,7 @@ mod lateness;
 mod leavings;
 mod lockstep;
 mod orders;
+mod packet_wire;
 mod print;
 #[cfg(test)]
 mod programs;
@@ -47,7 +48,7 @@ enum Command {
     /// device and the board's address as the companion has to be told; the last one says how late the simulator itself
     /// was. Exit code 75, with NOT JUDGED, when it was too late to stand in for anything.
     #[command(
-        after_help = "Examples:\n  haltere-sim serve --tag-link tag --truth truth.csv\n  haltere-sim serve --scenario corridor --tag-protocol tdoa3"
+        after_help = "Examples:\n  haltere-sim serve --tag-link tag --truth truth.csv\n  haltere-sim serve --scenario corridor --tag-protocol tdoa3\n  haltere-sim serve --board crazyflie"
     )]
     Serve(endpoint::Options),
     /// Simulator and companion in one program on simulated time, faster than real time; ground stations and

@@ -14,11 +14,11 @@ use super::{print, print_json};
 use crate::progress::Progress;
 use haltere_core::frames::Vec3;
 use haltere_core::measure::AnchorId;
+use haltere_gap::accept::accepted::{self, LineChange, lines_changed};
+use haltere_gap::accept::trim::{Trim, trim};
 use haltere_gap::accept::{edit_anchor, edit_scenario, edit_vehicle, number, set_key};
-use haltere_gap::accepted::{self, LineChange, lines_changed};
 use haltere_gap::flight::logs::{self, Flown};
 use haltere_gap::scene::Told;
-use haltere_gap::trim::{Trim, trim};
 use haltere_model::effects::EffectSpec;
 
 /// Writes an effect that was found into the files of the simulator, and, where there is one, the fix into

@@ -14,11 +14,11 @@ use super::gap_session::{Opened, open};
 use super::which_flight::{WhichFlight, tell};
 use super::{print, print_json};
 use crate::progress::Progress;
-use haltere_gap::advise::{Advice, Effort, Hypothesis, Remaining, advise, after_flight};
+use haltere_gap::advice::experiments::{EXPERIMENTS, Means, find};
+use haltere_gap::advice::{Advice, Effort, Hypothesis, Remaining, advise, after_flight};
 use haltere_gap::bank::archive::Shelf;
 use haltere_gap::bank::library::whole;
 use haltere_gap::diagnosis::{Diagnosis, observed};
-use haltere_gap::experiments::{EXPERIMENTS, Means, find};
 use haltere_gap::flight::logs::{self, Flown};
 use haltere_gap::nominal::Nominal;
 use haltere_gap::scene::{Scene, Told};
@@ -208,10 +208,9 @@ pub(super) fn remaining(d: &Diagnosis) -> Remaining {
     let spec = |id: &str| whole().into_iter().find(|s| s.id == id);
     let candidates = d.attribution.as_ref().map_or(&[][..], |a| &a.candidates[..]);
     // What is not in the library is not told apart by effects of the library.
-    let gap = matches!(d.outcome, "named" | "ambiguous" | "several" | "named_with_remainder");
     let hypotheses = candidates
         .iter()
-        .filter(|_| gap)
+        .filter(|_| d.outcome.is_explained())
         .filter_map(|c| {
             Some(Hypothesis {
                 spec: spec(&c.id)?,

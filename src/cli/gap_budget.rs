@@ -6,7 +6,6 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use clap::Args;
-use serde_json::json;
 
 use super::gap::SceneOptions;
 use super::gap_references::of_one_mission;
@@ -14,10 +13,8 @@ use super::{print, print_json};
 use crate::progress::Progress;
 use crate::report::gap::budget::{self as page, number};
 use haltere_gap::commission::budget::{Budget, budget};
+use haltere_gap::outcome::Outcome;
 use haltere_log::written;
-
-/// Exit code where there is no budget: as in `gap diagnose`.
-const NOT_TESTABLE: u8 = 20;
 
 /// Says which constants of the vehicle file differ from the vehicle, what share of the gap each closes, and what is left. Needs no
 /// accepted flights.
@@ -62,12 +59,13 @@ impl BudgetCommand {
         let found = match found {
             Ok(found) => found,
             Err(why) => {
+                let outcome = Outcome::NotTestable { why: why.to_string() };
                 if self.json {
-                    print_json(&json!({ "outcome": "not_testable", "why": why.to_string() }))?;
+                    print_json(&outcome)?;
                 } else {
-                    print(&format!("VERDICT     not testable: {why}\n"))?;
+                    print(&format!("VERDICT     {}\n", outcome.sentence(str::to_owned)))?;
                 }
-                return Ok(ExitCode::from(NOT_TESTABLE));
+                return Ok(ExitCode::from(outcome.exit_code()));
             }
         };
         if let Some(out) = &self.out {

@@ -15,8 +15,8 @@ use super::{print, print_json};
 use crate::progress::Progress;
 use crate::report::gap::budget::number;
 use crate::vehicles;
+use haltere_gap::accept::accepted;
 use haltere_gap::accept::rewrite_vehicle;
-use haltere_gap::accepted;
 use haltere_gap::commission::{Commissioned, LEAST_FLIGHTS, commission};
 use haltere_log::written;
 

@@ -18,17 +18,18 @@ use super::which_flight::WhichFlight;
 use super::{print, print_json};
 use crate::progress::{self, Progress};
 use crate::report::{gap as page, truth};
-use haltere_gap::advise::{Effort, advise};
+use haltere_gap::advice::{Effort, advise};
 use haltere_gap::bank::archive::Shelf;
 use haltere_gap::bank::workshop;
 use haltere_gap::commission::budget::budget;
-use haltere_gap::details::details;
 use haltere_gap::diagnosis::{Advised, Diagnosis, Part, ShrinkResult};
 use haltere_gap::flight::beside_truth::{BesideTruth, TruePoint, beside_truth};
 use haltere_gap::flight::seal::digest_of;
-use haltere_gap::held_out::{Explanation, measure};
+use haltere_gap::outcome::Ending;
+use haltere_gap::picture::details::details;
 use haltere_gap::picture::picture;
 use haltere_gap::scene::Scene;
+use haltere_gap::shrink::held_out::{Explanation, measure};
 use haltere_log::written;
 use haltere_model::effects::EffectSpec;
 
@@ -364,7 +365,7 @@ fn hash_of(path: &Path) -> String {
 /// What is named as one explanation: set members are alternatives, and the first stands for them;
 /// several act together.
 fn explanation(diagnosis: &Diagnosis) -> Option<Explanation> {
-    let together = if diagnosis.outcome == "several" { diagnosis.effects.len() } else { 1 };
+    let together = if diagnosis.outcome == Ending::Several { diagnosis.effects.len() } else { 1 };
     let whole = haltere_gap::bank::library::whole();
     let spec =
         |id: &str| -> Option<&'static EffectSpec> { whole.iter().copied().find(|s| s.id == id) };

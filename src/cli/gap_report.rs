@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use serde::Deserialize;
 
-use haltere_gap::advise::{Hypothesis, Remaining};
+use haltere_gap::advice::{Hypothesis, Remaining};
 use haltere_gap::bank::library::find;
+use haltere_gap::outcome::Ending;
 use haltere_model::Vehicle;
 use haltere_model::effects::EffectSpec;
 
@@ -15,7 +16,7 @@ use haltere_model::effects::EffectSpec;
 pub(super) struct Report {
     pub log: PathBuf,
     flight: Option<Flight>,
-    pub outcome: String,
+    pub outcome: Ending,
     #[serde(default)]
     pub verdict: String,
     #[serde(default)]
@@ -101,14 +102,10 @@ impl Report {
     /// What the diagnosis left open.
     pub fn remaining(&self) -> Remaining {
         // What is not in the library is not told apart by effects of the library.
-        let gap = matches!(
-            self.outcome.as_str(),
-            "named" | "ambiguous" | "several" | "named_with_remainder"
-        );
         let candidates = self.attribution.as_ref().map_or(&[][..], |a| &a.candidates[..]);
         let hypotheses = candidates
             .iter()
-            .filter(|_| gap)
+            .filter(|_| self.outcome.is_explained())
             .filter_map(|c| {
                 let theta: Option<Vec<f64>> = c.theta.iter().copied().collect();
                 let ends = |e: &[Option<f64>; 2]| Some([e[0]?, e[1]?]);
@@ -147,8 +144,8 @@ impl Report {
             };
             return Ok(vec![(own, theta)]);
         }
-        match (self.outcome.as_str(), &self.effects[..]) {
-            ("named" | "several" | "named_with_remainder", [_, ..]) => self
+        match (self.outcome, &self.effects[..]) {
+            (outcome, [_, ..]) if outcome.acts() => self
                 .effects
                 .iter()
                 .map(|e| {
@@ -156,7 +153,7 @@ impl Report {
                     Ok((own, values(own, e)?))
                 })
                 .collect(),
-            ("ambiguous", [_, ..]) => {
+            (Ending::OneOf, [_, ..]) => {
                 let ids: Vec<&str> = self.effects.iter().map(|e| e.id.as_str()).collect();
                 anyhow::bail!(
                     "the report could not tell {} apart: choose with --effect, or see `haltere gap advise`",
@@ -164,7 +161,10 @@ impl Report {
                 )
             }
             (outcome, _) => {
-                anyhow::bail!("the report names no effect ({outcome}): there is nothing to accept")
+                anyhow::bail!(
+                    "the report names no effect ({}): there is nothing to accept",
+                    outcome.key()
+                )
             }
         }
     }

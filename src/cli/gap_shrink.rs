@@ -15,8 +15,8 @@ use crate::progress::Progress;
 use haltere_gap::bank::library::{self, whole};
 use haltere_gap::diagnosis::observed;
 use haltere_gap::flight::logs::{self, Flown};
-use haltere_gap::held_out::{Explanation, Measured, SHRINK_FLIGHTS, measure};
 use haltere_gap::scene::Told;
+use haltere_gap::shrink::held_out::{Explanation, Measured, SHRINK_FLIGHTS, measure};
 use haltere_model::effects::EffectSpec;
 
 /// Adds one effect to the simulator and says how far the gap closes on other flights, closed loop.

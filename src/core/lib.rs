@@ -56,6 +56,7 @@ pub mod estimate;
 pub mod estimator;
 pub mod frames;
 pub mod geo;
+pub mod keys;
 pub mod measure;
 pub mod survey;
 pub mod time;

@@ -278,7 +278,7 @@ impl Outcome {
 pub fn accepted(snippet: &str) -> Result<(), Problems> {
     let config = Config::from_toml("snippet", snippet)?;
     let mut problems = Problems::new();
-    config.check(&mut problems);
+    config.check("", &mut problems);
     problems.into_result()
 }
 

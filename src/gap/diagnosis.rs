@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::advise::Advice;
+use crate::advice::Advice;
 use crate::attribute::{Attribution, Attributor, Candidate};
 use crate::bank::library::whole;
 use crate::bank::workshop::Workshop;
@@ -12,7 +12,7 @@ use crate::flight::beside_truth::BesideTruth;
 use crate::flight::logs::{Flown, ParameterDifference};
 use crate::flight::statistics::{Observation, observe};
 use crate::nominal::Nominal;
-use crate::outcome::{Named, Outcome, Remainder};
+use crate::outcome::{Ending, Named, Outcome, Remainder};
 use crate::picture::Picture;
 use crate::places::{Heard, exonerated, places};
 pub use crate::places::{Part, Where};
@@ -57,7 +57,7 @@ pub struct Diagnosis {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub flight: Option<LogFlight>,
     /// Key of the outcome.
-    pub outcome: &'static str,
+    pub outcome: Ending,
     /// The verdict as a sentence.
     pub verdict: String,
     /// What the best explanation explains and what it leaves; absent without a gap.
@@ -109,8 +109,6 @@ pub struct Diagnosis {
     /// Whether a budget is to be asked for ([`Diagnosis::budgeted`]): a whole mission, no accepted flights, and no effect that explains it.
     #[serde(skip)]
     pub wants_budget: bool,
-    #[serde(skip)]
-    exit_code: u8,
 }
 
 /// How far the best explanation of a gap goes, whether or not it is believed.
@@ -244,7 +242,7 @@ const LIKELY: f64 = 0.5;
 impl Diagnosis {
     /// Exit code of `haltere gap diagnose`.
     pub fn exit_code(&self) -> u8 {
-        self.exit_code
+        self.outcome.exit_code()
     }
 
     /// Takes a budget for the answer, if it has parts.
@@ -252,16 +250,16 @@ impl Diagnosis {
         if budget.parts.is_empty() {
             self.remarks.push(format!("the vehicle file: {}", budget.words()));
         } else {
-            self.outcome = budget.outcome;
-            self.exit_code = budget.exit_code();
-            self.verdict = format!("budget: {}", budget.words());
+            let outcome = Outcome::Budget { why: budget.words() };
+            self.outcome = outcome.kind();
+            self.verdict = outcome.sentence(str::to_owned);
         }
         self.budget = Some(budget);
     }
 
     /// The effect whose shrink is measured though the verdict refuses it: other flights may know better.
     pub fn suspect(&self) -> Option<&Candidate> {
-        let refused = self.outcome == "not_in_library";
+        let refused = self.outcome == Ending::NotInLibrary;
         let first = self.attribution.as_ref().filter(|_| refused)?.candidates.first()?;
         (first.posterior >= LIKELY && !first.theta.is_empty()).then_some(first)
     }
@@ -311,8 +309,7 @@ impl Diagnosis {
 
     /// The verdict in all its words.
     fn conclude(&mut self, workshop: &Workshop, outcome: &Outcome) {
-        self.outcome = outcome.key();
-        self.exit_code = outcome.exit_code();
+        self.outcome = outcome.kind();
         self.effects = outcome.effects().iter().map(|e| effect(workshop, e)).collect();
         self.set = self.effects.iter().map(|e| e.id.clone()).collect();
         self.verdict = outcome.sentence(|id| {
@@ -343,9 +340,8 @@ pub fn unreadable(log: String, why: String) -> Diagnosis {
     Diagnosis {
         log,
         flight: None,
-        outcome: outcome.key(),
+        outcome: outcome.kind(),
         verdict: outcome.sentence(str::to_owned),
-        exit_code: outcome.exit_code(),
         explained: None,
         places: Vec::new(),
         exonerated: Vec::new(),
@@ -382,7 +378,7 @@ pub fn judge(
     let mut result = Diagnosis {
         log: flown.path.display().to_string(),
         flight: flown.flight,
-        outcome: "",
+        outcome: Ending::default(),
         verdict: String::new(),
         explained: None,
         places: Vec::new(),
@@ -406,7 +402,6 @@ pub fn judge(
         advice: None,
         attribution: None,
         wants_budget: false,
-        exit_code: 0,
     };
     let outcome = match (&seen.observation, flown.faults.first()) {
         (_, Some(fault)) => Outcome::Fault { why: fault.clone() },

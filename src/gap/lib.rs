@@ -6,7 +6,7 @@
 //! it, [`flight::smoother`] where it was, `residuals` one channel a file, [`flight::statistics`] its numbers. What it is held against:
 //! [`scene`] room, vehicle and companion, [`bank::library`] and [`bank::make_bank`] the simulated flights, where every effect flies
 //! beside a twin without it, [`bank::workshop`] what is kept on disk. What is said: `attribute` which effect, with `gate.rs`
-//! whether there is a gap at all and `foretold.rs` what it foretells, [`places`] where, [`shrink`] how far, [`advise`] what
+//! whether there is a gap at all and `foretold.rs` what it foretells, [`places`] where, [`shrink`] how far, [`advice`] what
 //! to fly next, [`accept`] what is written back, [`commission`] the constants with which the simulator flies as accepted
 //! flights were flown.
 //!
@@ -27,30 +27,20 @@
 //! ```
 
 pub mod accept;
-pub mod accepted;
-pub mod advise;
+pub mod advice;
 pub mod attribute;
 pub mod bank;
 pub mod commission;
-pub mod details;
 pub mod diagnosis;
-pub mod discriminate;
-pub mod experiments;
 pub mod flight;
-pub mod held_out;
-mod manoeuvres;
-pub mod matrix;
 pub mod nominal;
 mod normal;
-pub mod onset;
 pub mod outcome;
 pub mod picture;
 pub mod places;
-pub mod resize;
 pub mod said;
 pub mod scene;
 pub mod shrink;
-pub mod trim;
 
 #[cfg(test)]
 mod tests;

@@ -64,6 +64,11 @@ pub enum Outcome {
         /// What is known of it.
         remainder: Remainder,
     },
+    /// Constants of the vehicle file that differ.
+    Budget {
+        /// What they close.
+        why: String,
+    },
     /// The flight did not visit what would be needed.
     NotTestable {
         /// Why.
@@ -77,47 +82,109 @@ pub enum Outcome {
     },
 }
 
+/// Which outcome it is, without what was found: the key in JSON.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ending {
+    /// No material gap.
+    #[default]
+    NoGap,
+    /// One effect.
+    Named,
+    /// One of some.
+    #[serde(rename = "ambiguous")]
+    OneOf,
+    /// Several at once.
+    Several,
+    /// One effect and something else.
+    NamedWithRemainder,
+    /// No effect of the library.
+    NotInLibrary,
+    /// Constants of the vehicle file.
+    Budget,
+    /// The flight does not say.
+    NotTestable,
+    /// The log cannot be judged.
+    #[serde(rename = "log_fault")]
+    Fault,
+}
+
+impl Ending {
+    /// Name for scripts, exit code of `haltere gap diagnose`, first words of the verdict.
+    fn row(self) -> (&'static str, u8, &'static str) {
+        match self {
+            Ending::NoGap => ("no_gap", 0, "no material gap"),
+            Ending::Named => ("named", 10, "named"),
+            Ending::OneOf => ("ambiguous", 11, "one of"),
+            Ending::Several => ("several", 12, "several"),
+            Ending::NamedWithRemainder => ("named_with_remainder", 14, "named + remainder"),
+            Ending::NotInLibrary => ("not_in_library", 13, "not in the library"),
+            Ending::Budget => ("budget", 15, "budget"),
+            Ending::NotTestable => ("not_testable", 20, "not testable"),
+            Ending::Fault => ("log_fault", 30, "log or replay fault"),
+        }
+    }
+
+    /// Name for scripts.
+    pub fn key(self) -> &'static str {
+        self.row().0
+    }
+
+    /// Exit code of `haltere gap diagnose`.
+    pub fn exit_code(self) -> u8 {
+        self.row().1
+    }
+
+    /// First words of the verdict.
+    pub fn words(self) -> &'static str {
+        self.row().2
+    }
+
+    /// Whether there is a gap to talk about.
+    pub fn is_gap(self) -> bool {
+        !matches!(self, Ending::NoGap | Ending::NotTestable | Ending::Fault)
+    }
+
+    /// Whether effects act, all that are named.
+    pub fn acts(self) -> bool {
+        matches!(self, Ending::Named | Ending::NamedWithRemainder | Ending::Several)
+    }
+
+    /// Whether effects of the library explain the gap, be it one of some.
+    pub fn is_explained(self) -> bool {
+        self.acts() || self == Ending::OneOf
+    }
+}
+
 impl Outcome {
+    /// Which of them.
+    pub fn kind(&self) -> Ending {
+        match self {
+            Outcome::NoMaterialGap => Ending::NoGap,
+            Outcome::Named { .. } => Ending::Named,
+            Outcome::OneOf { .. } => Ending::OneOf,
+            Outcome::Several { .. } => Ending::Several,
+            Outcome::NamedWithRemainder { .. } => Ending::NamedWithRemainder,
+            Outcome::NotInLibrary { .. } => Ending::NotInLibrary,
+            Outcome::Budget { .. } => Ending::Budget,
+            Outcome::NotTestable { .. } => Ending::NotTestable,
+            Outcome::Fault { .. } => Ending::Fault,
+        }
+    }
+
     /// Name for scripts.
     pub fn key(&self) -> &'static str {
-        match self {
-            Outcome::NoMaterialGap => "no_gap",
-            Outcome::Named { .. } => "named",
-            Outcome::OneOf { .. } => "ambiguous",
-            Outcome::Several { .. } => "several",
-            Outcome::NamedWithRemainder { .. } => "named_with_remainder",
-            Outcome::NotInLibrary { .. } => "not_in_library",
-            Outcome::NotTestable { .. } => "not_testable",
-            Outcome::Fault { .. } => "log_fault",
-        }
+        self.kind().key()
     }
 
     /// Exit code of `haltere gap diagnose`.
     pub fn exit_code(&self) -> u8 {
-        match self {
-            Outcome::NoMaterialGap => 0,
-            Outcome::Named { .. } => 10,
-            Outcome::OneOf { .. } => 11,
-            Outcome::Several { .. } => 12,
-            Outcome::NotInLibrary { .. } => 13,
-            Outcome::NamedWithRemainder { .. } => 14,
-            Outcome::NotTestable { .. } => 20,
-            Outcome::Fault { .. } => 30,
-        }
+        self.kind().exit_code()
     }
 
     /// First words of the verdict.
     pub fn words(&self) -> &'static str {
-        match self {
-            Outcome::NoMaterialGap => "no material gap",
-            Outcome::Named { .. } => "named",
-            Outcome::OneOf { .. } => "one of",
-            Outcome::Several { .. } => "several",
-            Outcome::NamedWithRemainder { .. } => "named + remainder",
-            Outcome::NotInLibrary { .. } => "not in the library",
-            Outcome::NotTestable { .. } => "not testable",
-            Outcome::Fault { .. } => "log or replay fault",
-        }
+        self.kind().words()
     }
 
     /// Effects that the outcome names.
@@ -163,7 +230,7 @@ impl Outcome {
             Outcome::NotInLibrary { remainder } => {
                 let _ = write!(line, ": the best explanation leaves {}", remainder.sentence());
             }
-            Outcome::NotTestable { why } | Outcome::Fault { why } => {
+            Outcome::Budget { why } | Outcome::NotTestable { why } | Outcome::Fault { why } => {
                 let _ = write!(line, ": {why}");
             }
         }
@@ -223,6 +290,7 @@ mod tests {
             (Outcome::Several { effects: vec![e(), e()] }, 12),
             (Outcome::NotInLibrary { remainder: r() }, 13),
             (Outcome::NamedWithRemainder { effect: e(), remainder: r() }, 14),
+            (Outcome::Budget { why: why() }, 15),
             (Outcome::NotTestable { why: why() }, 20),
             (Outcome::Fault { why: why() }, 30),
         ];
@@ -230,6 +298,11 @@ mod tests {
             assert_eq!(outcome.exit_code(), code);
             let json = serde_json::to_value(&outcome).unwrap();
             assert_eq!(json["outcome"], outcome.key(), "{json}");
+            assert_eq!(serde_json::to_value(outcome.kind()).unwrap(), json["outcome"]);
+            assert_eq!(
+                serde_json::from_value::<Ending>(json["outcome"].clone()).unwrap(),
+                outcome.kind()
+            );
             assert_eq!(serde_json::from_value::<Outcome>(json).unwrap(), outcome);
             let line = outcome.sentence(|id| format!("anchor bias {id}"));
             assert!(line.starts_with(outcome.words()), "{line}");

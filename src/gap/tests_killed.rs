@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use crate::accepted;
+use crate::accept::accepted;
 use crate::bank::Bank;
 use crate::bank::bank_file;
 

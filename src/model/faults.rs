@@ -40,6 +40,70 @@ pub enum LineId {
     ToBoard,
 }
 
+/// What happens to a Crazyflie, its radio or its anchors.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum CrazyflieFault {
+    /// Nothing passes by radio for so long, s.
+    Fade {
+        /// How long.
+        for_s: f64,
+    },
+    /// The UWB chip does not answer.
+    ChipDead(bool),
+    /// The log blocks are gone.
+    BlocksGone,
+    /// The main processor restarts; the radio's goes on.
+    MainReset,
+    /// The radio's processor restarts; the main one goes on.
+    RadioReset,
+    /// The radio carries less than is sent.
+    Congested(bool),
+    /// It restarts with another firmware: other ids, other checksums.
+    OtherTable,
+    /// Somebody else connects and sends setpoints.
+    SecondClient(bool),
+    /// Somebody disarms it.
+    Disarm,
+    /// It takes itself for crashed.
+    Crash,
+    /// It is locked until it is restarted.
+    Lock,
+    /// A deck does not answer.
+    DeckFault(bool),
+    /// The anchors speak TDoA3.
+    Tdoa3(bool),
+    /// The anchors say that they stand so far from where they do, their own world, m.
+    AnchorsOff([f64; 3]),
+    /// The dongle is out.
+    DongleOut(bool),
+    /// Its firmware is older than the supervisor's port.
+    NoPort9(bool),
+}
+
+impl CrazyflieFault {
+    /// What mends it. `None`: it passes by itself, or has no state to go back to.
+    pub fn mended(&self) -> Option<Self> {
+        Some(match self {
+            Self::ChipDead(_) => Self::ChipDead(false),
+            Self::Congested(_) => Self::Congested(false),
+            Self::SecondClient(_) => Self::SecondClient(false),
+            Self::DeckFault(_) => Self::DeckFault(false),
+            Self::Tdoa3(_) => Self::Tdoa3(false),
+            Self::AnchorsOff(_) => Self::AnchorsOff([0.0; 3]),
+            Self::DongleOut(_) => Self::DongleOut(false),
+            Self::NoPort9(_) => Self::NoPort9(false),
+            Self::Fade { .. }
+            | Self::BlocksGone
+            | Self::MainReset
+            | Self::RadioReset
+            | Self::OtherTable
+            | Self::Disarm
+            | Self::Crash
+            | Self::Lock => return None,
+        })
+    }
+}
+
 /// Something that breaks or heals.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Fault {
@@ -107,6 +171,8 @@ pub enum Fault {
     SecondPack(Option<f64>),
     /// The board's heading is off by this angle, clockwise, and stays so, rad.
     HeadingOff(f64),
+    /// Something that only a Crazyflie has.
+    Crazyflie(CrazyflieFault),
     /// A leg of the gear is broken: where it stands on the floor, it falls over to its right.
     GearLeg(bool),
 }
@@ -249,6 +315,7 @@ impl Fault {
             Fault::SecondBoard(_) => Fault::SecondBoard(None),
             Fault::SecondPack(_) => Fault::SecondPack(None),
             Fault::HeadingOff(_) => Fault::HeadingOff(0.0),
+            Fault::Crazyflie(fault) => Fault::Crazyflie(fault.mended()?),
             Fault::GearLeg(_) => Fault::GearLeg(false),
             Fault::EffectOff(_)
             | Fault::BoardReboot

@@ -6,12 +6,14 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use crate::board::crazyflie::ANCHORS;
 use crate::board::{Board, BoardRequests, BoardSettings, Readings, SlowLine};
 use crate::body::Body;
 use crate::effects::{
     ATTITUDE_PERIOD_S, AttitudeError, Bank, CLOCK_PERIOD_S, Cargo, Delivery, EffectSet, ImuReading,
     STEP_S, State, Supply,
 };
+use crate::faults::CrazyflieFault;
 use crate::line_noise::NoisyLine;
 use crate::magnetometer::Magnetometer;
 use crate::room::Room;
@@ -20,7 +22,7 @@ use crate::truth::Truth;
 use crate::vehicle::Vehicle;
 use crate::wings::{Actuation, ActuatorCommand};
 use haltere_core::checks::Problems;
-use haltere_core::frames::{E, G_MPS2, Rot, Vec3};
+use haltere_core::frames::{E, G_MPS2, Rot, U, Vec3, survey_from_earth};
 use haltere_core::measure::AnchorId;
 use haltere_core::survey::Survey;
 
@@ -177,14 +179,19 @@ impl Plant {
         let mut tag_out = Vec::with_capacity(4096);
         let magnetometer = Magnetometer::new(&board.magnetometer, seed);
         let to_board_line = SlowLine::new(board.manners.baud);
+        // The board knows the vehicle of the file, not what has become of it; its loops are its own.
+        let known = Vehicle { inner_loop: vehicle.inner_loop.clone(), ..nominal };
+        let mut board = Board::new(board, &known).with_deck(said_positions(&survey), seed);
+        let mut port = Port::new(protocol, &mut tag_out);
+        if board.has_deck() {
+            port.silent = true;
+            tag_out.clear();
+            board.inject(0, &CrazyflieFault::Tdoa3(protocol == TagProtocol::Tdoa3));
+        }
         let mut plant = Self {
             body: Body::new(pos_E_m, q_EB, Vector3::from(vehicle.body.inertia_kgm2)),
-            // The board knows the vehicle of the file, not what has become of it; its loops are its own.
-            board: Board::new(
-                board,
-                &Vehicle { inner_loop: vehicle.inner_loop.clone(), ..nominal },
-            ),
-            port: Port::new(protocol, &mut tag_out),
+            board,
+            port,
             antenna_B_m: Vector3::from(vehicle.body.tag_B_m) - Vector3::from(vehicle.body.cg_B_m),
             anchors,
             ids,
@@ -377,8 +384,10 @@ impl Plant {
 
         self.scratch.clear();
         let (anchors, port, scratch) = (&mut self.anchors, &mut self.port, &mut self.scratch);
+        let board = &mut self.board;
         let until_us = now_us + STEP_US;
         anchors.advance(now_us, until_us, &self.state, self.antenna_B_m, &mut self.bank, |r| {
+            board.hear(&r);
             port.write(&r, scratch);
         });
         if !self.scratch.is_empty() {
@@ -424,8 +433,19 @@ impl Plant {
     }
 }
 
+/// Where anchors say that they stand, by id: in their own world, z up, m.
+fn said_positions(survey: &Survey) -> [Option<[f32; 3]>; ANCHORS] {
+    std::array::from_fn(|id| {
+        let at_E_m = survey.position_E_m(AnchorId(id as u8))?;
+        let at: Vec3<U> = survey_from_earth(at_E_m);
+        Some(at.to_array().map(|axis| axis as f32))
+    })
+}
+
 mod broken;
 mod contact;
+#[cfg(test)]
+mod deck_tests;
 mod flight;
 mod second_board;
 mod wires;

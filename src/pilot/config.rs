@@ -8,6 +8,7 @@ use haltere_core::control::ControlConfig;
 use haltere_core::control::voltage::VoltageConfig;
 use haltere_core::estimate::Estimate;
 use haltere_core::estimator::{EstimatorConfig, UwbNoise};
+use haltere_core::keys::{Key, NoNumber, Range, Row, Section, Told, Value, When};
 use haltere_core::survey::Survey;
 
 use crate::flight::mission::{RADIUS_M, Volume};
@@ -106,6 +107,59 @@ impl PilotConfig {
     }
 }
 
+/// Of `[ground]`, since each vehicle of a station has its own.
+const SYSTEM_ID: Key = Key {
+    name: "system_id",
+    text: &[" System that the vehicle is; each of one station has its own."],
+    kind: u8::kind,
+    range: Some(Range { low: 1.0, high: 250.0, unit: "", checked: true }),
+    example: "",
+    parameters: &[Told { index: 0, name: "MAV_SYS_ID", when: When::Restart, text: "" }],
+};
+
+/// What stations know as parameters, under the names that the keys have in files.
+macro_rules! told {
+    ($($section:ident: $type:ty),+) => {
+        impl Section for PilotConfig {
+            fn rows(_: &str, tell: &mut dyn FnMut(&str, Row)) {
+                tell("ground", Row::Key(&SYSTEM_ID));
+                $(<$type>::rows(stringify!($section), tell);)+
+            }
+
+            fn value(&self, key: &str) -> Option<&dyn Value> {
+                match key.split_once('.')? {
+                    ("ground", "system_id") => Some(&self.system_id),
+                    $((stringify!($section), inner) => self.$section.value(inner),)+
+                    _ => None,
+                }
+            }
+
+            fn value_mut(&mut self, key: &str) -> Option<&mut dyn Value> {
+                match key.split_once('.')? {
+                    ("ground", "system_id") => Some(&mut self.system_id),
+                    $((stringify!($section), inner) => self.$section.value_mut(inner),)+
+                    _ => None,
+                }
+            }
+        }
+
+        impl PilotConfig {
+            /// Adds what the checks of these sections say.
+            pub fn check(&self, problems: &mut Problems) {
+                $(self.$section.check(stringify!($section), problems);)+
+            }
+        }
+    };
+}
+told! {
+    flight: FlightConfig,
+    limits: LimitsConfig,
+    supervisor: SupervisorConfig,
+    uwb: UwbConfig,
+    estimator: EstimatorConfig,
+    control: ControlConfig
+}
+
 /// Wire format of the tag.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -116,6 +170,9 @@ pub enum TagProtocol {
     /// A tag that computes TDOA itself and sends `UWB_TDOA`.
     Mavlink,
 }
+
+impl NoNumber for TagProtocol {}
+impl NoNumber for BoardProfile {}
 
 /// Behaviour of the inner-loop board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -132,60 +189,44 @@ pub enum BoardProfile {
     Ardupilot,
 }
 
-/// `[flight]`: how the vehicle takes off, moves and lands.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct FlightConfig {
-    /// Height of a take-off that names none, m.
-    pub takeoff_height_m: f64,
-    /// Speed of the height setpoint in a take-off, m/s.
-    pub takeoff_speed_mps: f64,
-    /// Time in which thrust rises from nothing to just below hover, s.
-    pub spool_s: f64,
-    /// Speed of the setpoint along mission legs, m/s. A mission may change it; at or above the
-    /// velocity limit of the controller the setpoint jumps instead of moving.
-    pub cruise_speed_mps: f64,
-    /// Change of that speed at the ends of a leg, m/s².
-    pub cruise_acceleration_mps2: f64,
-    /// Sinking speed in a landing above `land_slow_height_m`, m/s.
-    pub land_speed_mps: f64,
-    /// Sinking speed near the floor, m/s.
-    pub land_slow_speed_mps: f64,
-    /// Height below which a landing slows down, m.
-    pub land_slow_height_m: f64,
-    /// Distance at which a waypoint counts as reached when it names none, m.
-    pub acceptance_radius_m: f64,
-    /// Least height of a return, m. 0: it flies at the height it has.
-    pub return_height_m: f64,
-    /// Height of the landing gear's feet below the point that the estimator tracks, m.
-    pub gear_height_m: f64,
-    /// Time armed on the floor without take-off after which the vehicle disarms, s.
-    pub idle_disarm_s: f64,
-    /// Watch a vehicle that somebody else flies: estimate, record what would be sent, send nothing that arms or
-    /// moves.
-    pub shadow: bool,
-    /// Nothing arms that would not be recorded.
-    pub log_required: bool,
-}
-
-impl Default for FlightConfig {
-    fn default() -> Self {
-        Self {
-            takeoff_height_m: 1.0,
-            takeoff_speed_mps: 0.5,
-            spool_s: 1.0,
-            cruise_speed_mps: 0.5,
-            cruise_acceleration_mps2: 0.7,
-            land_speed_mps: 0.4,
-            land_slow_speed_mps: 0.25,
-            land_slow_height_m: 0.6,
-            acceptance_radius_m: 0.30,
-            return_height_m: 0.0,
-            gear_height_m: 0.0,
-            idle_disarm_s: 15.0,
-            shadow: false,
-            log_required: false,
-        }
+haltere_core::keys! {
+    /// `[flight]`: how the vehicle takes off, moves and lands.
+    pub struct FlightConfig {
+        /// Height of a take-off that names none.
+        takeoff_height_m: f64 = 1.0, [0.3..=20.0, "m"], FLT_TKO_HGT(1, AtOnce);
+        /// Speed of the height setpoint in a take-off.
+        takeoff_speed_mps: f64 = 0.5, [0.1..=2.0, "m/s"], FLT_TKO_SPD(2, AtOnce);
+        /// Time in which thrust rises from nothing to just below hover.
+        spool_s: f64 = 1.0, [0.2..=5.0, "s"], FLT_SPOOL_T(3, OnFloor);
+        /// Speed of the setpoint along mission legs. At or above the controller's velocity limit the setpoint jumps
+        /// instead of moving.
+        // A mission may change it.
+        cruise_speed_mps: f64 = 0.5, [0.05..=10.0, "m/s"],
+            FLT_CRUISE_SPD(4, AtOnce, "Speed along mission legs. At or above CLM_HOR_SPD the setpoint jumps.");
+        /// Change of the leg speed at the ends of a leg.
+        cruise_acceleration_mps2: f64 = 0.7, [0.05..=5.0, "m/s²"], FLT_CRUISE_ACC(5, AtOnce);
+        /// Sinking speed in a landing above land_slow_height_m.
+        land_speed_mps: f64 = 0.4, [0.1..=1.5, "m/s"],
+            FLT_LAND_SPD(6, AtOnce, "Sinking speed in a landing above FLT_LAND_SLWHGT.");
+        /// Sinking speed near the floor.
+        land_slow_speed_mps: f64 = 0.25, [0.05..=1.0, "m/s"], FLT_LAND_SLWSPD(7, AtOnce);
+        /// Height below which a landing slows down.
+        land_slow_height_m: f64 = 0.6, [0.0..=5.0, "m"], FLT_LAND_SLWHGT(8, AtOnce);
+        /// Distance at which a waypoint counts as reached when it names none.
+        acceptance_radius_m: f64 = 0.30, [0.05..=5.0, "m"], FLT_ACC_RAD(10, AtOnce);
+        /// Least height of a return. 0: it flies at the height it has.
+        return_height_m: f64 = 0.0, [0.0..=20.0, "m"], FLT_RTN_HGT(9, AtOnce);
+        /// Height of the feet below the point that is tracked.
+        gear_height_m: f64 = 0.0, [0.0..=0.5, "m"], FLT_GEAR_HGT(11, OnFloor);
+        /// Time armed on the floor after which the vehicle disarms.
+        idle_disarm_s: f64 = 15.0, [2.0..=600.0, "s"], FLT_IDLE_T(12, AtOnce);
+        /// Watch a vehicle that somebody else flies, as `haltere fly --shadow`: estimate, record what would be sent,
+        /// send nothing that arms or moves.
+        shadow: bool = false;
+        /// Whether nothing arms while flights are not recorded, as on a full disk.
+        ///
+        /// Without, that is told and flown.
+        log_required: bool = false, FLT_LOG_REQ(13, AtOnce);
     }
 }
 
@@ -212,62 +253,38 @@ impl FlightConfig {
         let (v, a) = (speed_mps.max(LEAST_SPEED_MPS), self.cruise_acceleration_mps2);
         if distance_m * a > v * v { distance_m / v + v / a } else { 2.0 * (distance_m / a).sqrt() }
     }
-
-    /// Adds what is out of range to `problems`; `key` is the name of the section.
-    pub fn check(&self, key: &str, problems: &mut Problems) {
-        let mut range = |name: &str, value, low, high, unit| {
-            problems.range(format_args!("{key}.{name}"), value, low..=high, unit);
-        };
-        range("takeoff_height_m", self.takeoff_height_m, 0.3, 20.0, "m");
-        range("takeoff_speed_mps", self.takeoff_speed_mps, 0.1, 2.0, "m/s");
-        range("spool_s", self.spool_s, 0.2, 5.0, "s");
-        range("cruise_speed_mps", self.cruise_speed_mps, 0.05, 10.0, "m/s");
-        range("cruise_acceleration_mps2", self.cruise_acceleration_mps2, 0.05, 5.0, "m/s²");
-        range("land_speed_mps", self.land_speed_mps, 0.1, 1.5, "m/s");
-        range("land_slow_speed_mps", self.land_slow_speed_mps, 0.05, 1.0, "m/s");
-        range("land_slow_height_m", self.land_slow_height_m, 0.0, 5.0, "m");
-        range("acceptance_radius_m", self.acceptance_radius_m, 0.05, 5.0, "m");
-        range("return_height_m", self.return_height_m, 0.0, 20.0, "m");
-        range("gear_height_m", self.gear_height_m, 0.0, 0.5, "m");
-        range("idle_disarm_s", self.idle_disarm_s, 2.0, 600.0, "s");
-    }
 }
 
-/// `[limits]`: the volume that setpoints may not leave, and the battery.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct LimitsConfig {
-    /// Lowest and highest room-north coordinate of a setpoint, m. Absent: 0.45 m inside the anchors' extent.
-    pub north_m: Option<[f64; 2]>,
-    /// Lowest and highest room-east coordinate of a setpoint, m. Absent: 0.45 m inside the anchors' extent.
-    pub east_m: Option<[f64; 2]>,
-    /// Highest height of a setpoint above the floor, m. Absent: 0.35 m below the highest anchor.
-    pub height_m: Option<f64>,
-    /// Voltage below which a warning is sent, V. 6.4 V for two cells (VEHICLE.md).
-    pub battery_low_v: f64,
-    /// Voltage below which the vehicle lands, V. 6.0 V for two cells (VEHICLE.md).
-    pub battery_critical_v: f64,
-    /// Age of the newest fused UWB measurement after which the vehicle lands, s.
-    pub uwb_loss_land_s: f64,
-    /// Silence of a board after which its link counts as lost, s.
-    pub board_loss_s: f64,
-    /// Silence of an offboard client after which a velocity setpoint ends in Hold, s.
-    pub offboard_loss_s: f64,
-}
-
-impl Default for LimitsConfig {
-    fn default() -> Self {
-        Self {
-            north_m: None,
-            east_m: None,
-            height_m: None,
-            battery_low_v: 6.4,
-            battery_critical_v: 6.0,
-            uwb_loss_land_s: 1.0,
-            board_loss_s: 1.0,
-            offboard_loss_s: 0.5,
-        }
-    }
+haltere_core::keys! {
+    /// `[limits]`: the volume that setpoints may not leave, and the battery.
+    pub struct LimitsConfig {
+        /// Lowest and highest room-north coordinate of a setpoint. Left out: 0.45 m inside the anchors' extent, which
+        /// are the wings and the way to stop.
+        north_m: Option<[f64; 2]> = None, [-100.0..=100.0, "m"], {"[0.0, 5.0]"},
+            LIM_NORTH_MIN(14, OnFloor, "Lowest room-north coordinate of a setpoint."),
+            LIM_NORTH_MAX(15, OnFloor, "Highest room-north coordinate of a setpoint.");
+        /// The same for room east.
+        east_m: Option<[f64; 2]> = None, [-100.0..=100.0, "m"], {"[0.0, 5.0]"},
+            LIM_EAST_MIN(16, OnFloor, "Lowest room-east coordinate of a setpoint."),
+            LIM_EAST_MAX(17, OnFloor, "Highest room-east coordinate of a setpoint.");
+        /// Highest height of a setpoint above the floor.
+        ///
+        /// Left out: 0.35 m below the highest anchor.
+        height_m: Option<f64> = None, [0.3..=50.0, "m"], {"3.0"}, LIM_HEIGHT_MAX(18, OnFloor);
+        /// Voltage below which a warning is sent and arming refused.
+        // 6.4 V for two cells (VEHICLE.md).
+        battery_low_v: f64 = 6.4, [3.0..=30.0, "V"], LIM_BAT_LOW(19, AtOnce);
+        /// Voltage below which the vehicle lands, 3 V to battery_low_v.
+        // 6.0 V for two cells (VEHICLE.md).
+        battery_critical_v: f64 = 6.0, ~[3.0..=30.0, "V"],
+            LIM_BAT_CRIT(20, AtOnce, "Voltage below which the vehicle lands. At most LIM_BAT_LOW.");
+        /// Age of the newest UWB measurement after which the vehicle lands.
+        uwb_loss_land_s: f64 = 1.0, [0.2..=10.0, "s"], LIM_UWB_LOSS_T(21, AtOnce);
+        /// Silence of the board after which its link counts as lost.
+        board_loss_s: f64 = 1.0, [0.2..=10.0, "s"], LIM_BRD_LOSS_T(22, AtOnce);
+        /// Silence of an offboard client after which a velocity setpoint ends in Hold.
+        offboard_loss_s: f64 = 0.5, [0.1..=5.0, "s"], LIM_OFB_LOSS_T(46, AtOnce);
+    } rules joined;
 }
 
 /// Lowest ceiling of the flight volume, m: a survey with all anchors on the floor still flies.
@@ -340,30 +357,19 @@ impl LimitsConfig {
         }
     }
 
-    /// Adds what is out of range to `problems`; `key` is the name of the section.
-    pub fn check(&self, key: &str, problems: &mut Problems) {
+    fn joined(&self, key: &str, problems: &mut Problems) {
         for (name, pair) in [("north_m", self.north_m), ("east_m", self.east_m)] {
-            if let Some([low, high]) = pair {
-                problems.range(format_args!("{key}.{name}[0]"), low, -100.0..=100.0, "m");
-                problems.range(format_args!("{key}.{name}[1]"), high, -100.0..=100.0, "m");
-                if low >= high {
-                    problems.say(format!(
-                        "{key}.{name} = [{low}, {high}]: the first must be the smaller one"
-                    ));
-                }
+            if let Some([low, high]) = pair
+                && low >= high
+            {
+                problems.say(format!(
+                    "{key}.{name} = [{low}, {high}]: the first must be the smaller one"
+                ));
             }
         }
-        if let Some(height_m) = self.height_m {
-            problems.range(format_args!("{key}.height_m"), height_m, 0.3..=50.0, "m");
-        }
-        let mut range = |name: &str, value, low, high, unit| {
-            problems.range(format_args!("{key}.{name}"), value, low..=high, unit);
-        };
-        range("battery_low_v", self.battery_low_v, 3.0, 30.0, "V");
-        range("battery_critical_v", self.battery_critical_v, 3.0, self.battery_low_v, "V");
-        range("uwb_loss_land_s", self.uwb_loss_land_s, 0.2, 10.0, "s");
-        range("board_loss_s", self.board_loss_s, 0.2, 10.0, "s");
-        range("offboard_loss_s", self.offboard_loss_s, 0.1, 5.0, "s");
+        let allowed_v = 3.0..=self.battery_low_v;
+        let critical_v = self.battery_critical_v;
+        problems.range(format_args!("{key}.battery_critical_v"), critical_v, allowed_v, "V");
     }
 }
 

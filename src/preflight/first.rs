@@ -6,8 +6,8 @@ use haltere_core::checks::schema::Schema;
 use haltere_log::written::{Old, Output};
 use haltere_pilot::TagProtocol;
 use haltere_pilot::settings::{
-    Address, Config, EndpointConfig, HostPort, RecordConfig, StoreConfig, TagPort, parse_anchors,
-    reference,
+    Address, Config, EndpointConfig, HostPort, RecordConfig, StoreConfig, TagPort, commented,
+    parse_anchors, reference,
 };
 
 /// Name of the anchor file.
@@ -59,7 +59,7 @@ pub fn write(answers: &Answers, directory: &Path, force: bool) -> Result<[PathBu
     let name = |path: &Path| path.display().to_string();
     let parsed = Config::from_toml(&name(&config), &text).map_err(|p| p.to_string())?;
     let mut problems = haltere_core::checks::Problems::new();
-    parsed.check(&mut problems);
+    parsed.check("", &mut problems);
     problems.into_result().map_err(|p| p.to_string())?;
     parse_anchors(&name(&anchors), &answers.anchors).map_err(|p| p.to_string())?;
     if !force {
@@ -123,7 +123,7 @@ fn configuration(answers: &Answers) -> String {
             section = &key.section;
             text += &format!("\n[{section}]\n");
         }
-        text += &wrapped(&key.text);
+        text += &commented(&key.text);
         text += &match given {
             Some((_, _, value)) => format!("{} = {value}\n", key.name),
             None => format!("# {} = {}\n", key.name, key.value),
@@ -138,24 +138,6 @@ const WATCH_PORT: u16 = 8480;
 /// A value as TOML writes it.
 fn plain(value: &impl serde::Serialize) -> String {
     toml::Value::try_from(value).map(|v| v.to_string()).unwrap_or_default()
-}
-
-/// Width of a line of comment, characters.
-const WIDTH: usize = 98;
-
-fn wrapped(text: &str) -> String {
-    let mut out = String::new();
-    let mut line = String::from("#");
-    for word in text.split_whitespace() {
-        if line.chars().count() + 1 + word.chars().count() > WIDTH && line.len() > 1 {
-            out += &line;
-            out.push('\n');
-            line = String::from("#");
-        }
-        line.push(' ');
-        line += word;
-    }
-    out + &line + "\n"
 }
 
 /// An anchor file of lines `id x y z` (spaces, commas, semicolons or tabs between, # for comments), or of

@@ -27,12 +27,14 @@ impl Wiring<'_> {
     /// Writes configuration and anchors into `folder`; the path of the former.
     pub fn write(&self, folder: &Path, scenario: &Scenario, by: &str) -> Result<PathBuf> {
         let gear_m = Vehicle::default().body.gear_m;
+        let profile = scenario.companion_keys().0;
+        let profile = profile.map(|name| format!("profile = \"{name}\"\n")).unwrap_or_default();
         let mut config = String::new();
         let _ = write!(
             config,
             "# Written by `{by}`.\n\
              [tag]\nport = \"{}\"\nprotocol = \"{}\"\n\n\
-             [board]\naddress = \"{}\"\nnorth_offset_deg = {:?}\n\n\
+             [board]\naddress = \"{}\"\n{profile}north_offset_deg = {:?}\n\n\
              [ground]\nendpoints = {:?}\n\n\
              [anchors]\nfile = \"anchors.toml\"\n\n\
              # The vehicle stands on the floor at the height of its gear: near the floor ranging\n\

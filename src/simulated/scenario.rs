@@ -10,6 +10,7 @@ use haltere_core::checks::Problems;
 use haltere_core::frames::{E, U, Vec3, earth_from_survey, survey_from_earth};
 use haltere_core::measure::AnchorId;
 use haltere_core::survey::Survey;
+use haltere_model::board::crazyflie::CrazyflieSettings;
 use haltere_model::board::{BoardSettings, Firmware, Manners, Overrides};
 use haltere_model::effects::{EffectConfig, EffectSet};
 use haltere_model::magnetometer::MagnetometerSettings;
@@ -93,12 +94,14 @@ pub struct Board {
     /// Angle from room north to the board's north, degrees, clockwise seen from above. Absent:
     /// that of the nominal effect.
     pub north_offset_deg: Option<f64>,
-    /// What it plays: generic, px4, ardupilot.
+    /// What it plays: generic, px4, ardupilot, crazyflie.
     pub firmware: Firmware,
     /// Time since its boot at the start, s. Absent: long enough to be ready.
     pub booted_s: Option<f64>,
     /// Its magnetometer and the room's field.
     pub magnetometer: MagnetometerSettings,
+    /// A Crazyflie's own: build, radio, cable.
+    pub crazyflie: CrazyflieSettings,
     /// Unkind manners.
     pub manners: Manners,
     /// Parameters that are not the firmware's, by name.
@@ -245,10 +248,20 @@ impl Scenario {
         Ok(EffectSet::from_config(&self.effects)?)
     }
 
+    /// What the companion has to write into `board.profile`, where it cannot find out, and into `tag.protocol`.
+    pub fn companion_keys(&self) -> (Option<&'static str>, &'static str) {
+        match (self.board.firmware, self.tag.protocol) {
+            (Firmware::Crazyflie, _) => (Some("crazyflie"), "crazyflie"),
+            (_, TagProtocol::Tdoa2 | TagProtocol::Tdoa3) => (None, "lps-sniffer"),
+            (_, TagProtocol::Mavlink) => (None, "mavlink"),
+        }
+    }
+
     /// The board.
     pub fn board_settings(&self) -> BoardSettings {
         let mut settings = BoardSettings {
             firmware: self.board.firmware,
+            crazyflie: self.board.crazyflie.clone(),
             magnetometer: self.board.magnetometer.clone(),
             manners: self.board.manners.clone(),
             parameters: self.board.parameters.clone(),

@@ -134,8 +134,7 @@ fn apply_one(loaded: &mut Loaded, layers: &Layers, name: &str, value: f64) -> Re
     let Some((_, parameter)) = find_parameter(name) else {
         return Err(Unused::Refused("no such parameter".to_owned()));
     };
-    let key = parameter.key_text();
-    let key = key.split('[').next().unwrap_or_default();
+    let key = parameter.key_of_list();
     if layers.is_set_by_hand(key) {
         return Err(Unused::ByHand(key.to_owned()));
     }

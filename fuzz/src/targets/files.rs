@@ -170,7 +170,7 @@ pub fn config(data: &[u8]) {
         return;
     };
     let mut problems = haltere_core::checks::Problems::new();
-    config.check(&mut problems);
+    config.check("", &mut problems);
     if !problems.is_empty() {
         return;
     }

@@ -12,7 +12,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use haltere_gap::held_out::HeldOut;
+use haltere_gap::shrink::held_out::HeldOut;
 use haltere_model::Vehicle;
 use haltere_model::effects::{ALL, EffectSpec, Role, Source};
 

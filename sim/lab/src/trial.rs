@@ -3,20 +3,20 @@
 //!
 //! Cases are ambiguous on purpose: a set of GAP.md 3.9, one of it is the truth at a third of a strength
 //! drawn from its range, and the first flight is no more than a hover. Its posterior comes from flights
-//! of the candidates ([`haltere_gap::advise::after_flight`]), a stand-in for a diagnosis that needs no bank. A
+//! of the candidates ([`haltere_gap::advice::after_flight`]), a stand-in for a diagnosis that needs no bank. A
 //! case counts where the first flight leaves more than one candidate open. Everything is flown in the
 //! nominal simulator with benign jitter, where candidates are easier to tell apart than in a room.
 
 use serde::Serialize;
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
-use haltere_gap::advise::{Effort, Hypothesis, Remaining, advise, judge};
+use haltere_gap::advice::experiments::{EXPERIMENTS, Means};
+use haltere_gap::advice::{Effort, Hypothesis, Remaining, advise, judge};
 use haltere_gap::bank::archive::Shelf;
 use haltere_gap::bank::fly::fly_observed;
 use haltere_gap::bank::library::draws;
 use haltere_gap::bank::make_bank::{jittered, with_effect};
 use haltere_gap::bank::missions::{HEIGHT_M, LEG_MPS, Plan, wire};
-use haltere_gap::experiments::{EXPERIMENTS, Means};
 use haltere_gap::flight::statistics::statistics_of;
 use haltere_gap::nominal::Nominal;
 use haltere_gap::scene::Scene;

@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use haltere_gap::diagnosis::{Diagnosis, ShrinkResult};
+use haltere_gap::outcome::Ending;
 use haltere_sim::hidden::Hidden;
 use serde_json::{Value, json};
 
@@ -36,9 +37,9 @@ impl Mark {
     pub fn of(hidden: &Hidden, diagnosis: &Diagnosis) -> Self {
         let first = diagnosis.effects.first().is_some_and(|effect| effect.id == hidden.id());
         match (diagnosis.outcome, hidden.spec) {
-            ("no_gap", None) => Self::Right,
-            ("no_gap", Some(_)) => Self::NotSeen,
-            ("log_fault" | "not_testable", _) => Self::NotJudged,
+            (Ending::NoGap, None) => Self::Right,
+            (Ending::NoGap, Some(_)) => Self::NotSeen,
+            (Ending::Fault | Ending::NotTestable, _) => Self::NotJudged,
             _ if first => Self::Right,
             _ if rank(hidden, diagnosis).is_some_and(|rank| rank <= FEW) => Self::AmongThree,
             _ => Self::Wrong,

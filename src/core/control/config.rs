@@ -3,10 +3,12 @@
 use serde::{Deserialize, Serialize};
 
 use crate::checks::Problems;
+use crate::choices;
 use crate::control::drag::{DragConfig, TESTED_LEAN_DEG};
 use crate::control::gains::ControlGains;
 use crate::control::ground::GroundConfig;
 use crate::control::voltage::VoltageConfig;
+use crate::keys::{BY_VERSION, Kind, Value};
 
 /// The two versions of the source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -33,112 +35,111 @@ pub enum TiltCompensation {
     DragAware,
 }
 
-/// Configuration of the controller, key `control`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ControlConfig {
-    /// `raw` or `modified`; decides every switch below that is not set, and the two of the filter.
-    pub version: Version,
-    /// Drag feed-forward: set to switch it alone, whatever the version.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub drag_feed_forward: Option<bool>,
-    /// Base thrust over battery voltage: set to switch it alone, whatever the version.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub voltage_base_thrust: Option<bool>,
-    /// Ground-effect correction: set to switch it alone, whatever the version.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub ground_correction: Option<bool>,
-    /// `off`, `geometric` or `drag_aware`; not set: `off` in raw, `drag_aware` in modified.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub tilt_compensation: Option<TiltCompensation>,
-    /// Drag term in the filter's prediction: set to switch it alone, whatever the version.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub filter_drag: Option<bool>,
-    /// UWB noise that depends on height: set to switch it alone, whatever the version.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub variable_uwb_noise: Option<bool>,
-    /// Errors of the UWB learned by anchor in flight, one set for all rooms: set to switch it alone, whatever the version.
-    /// What `[estimator]` says of them otherwise than by default stays.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub learned_uwb_errors: Option<bool>,
-    /// How fast an output fades from its old value to the law's after a switch of a command axis
-    /// between position and velocity, and after a handover: time constant. s
-    pub switch_fade_s: f64,
-    /// Limits of setpoints and outputs.
-    pub limits: LimitsConfig,
-    /// Trims of the servos.
-    pub trims: TrimConfig,
-    /// Gains of the loops, the same in both versions.
-    pub gains: ControlGains,
-    /// Drag feed-forward.
-    pub drag: DragConfig,
-    /// Base thrust over battery voltage.
-    pub voltage: VoltageConfig,
-    /// Ground-effect correction.
-    pub ground: GroundConfig,
-}
-
-/// Limits, key `control.limits`. Defaults: public firmware of the vehicle, except tilt and vertical
-/// speed.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct LimitsConfig {
-    /// Horizontal speed setpoint, as a vector. m/s
-    pub horizontal_mps: f64,
-    /// Vertical speed setpoint, up and down. Firmware 1; the step tests of 2 m spend most of their
-    /// time at that limit, and thrust (0.48 to 1.43 of the weight) brakes from 2 within 0.4 m. m/s
-    pub vertical_mps: f64,
-    /// Lean from the vertical, roll and pitch as a vector, trims not counted. With firmware's 30,
-    /// drag of 4.2 1/s allows 1.35 m/s forward; 2 m/s need 41, and the source tested to 52. deg
-    pub tilt_deg: f64,
-    /// Largest lean the integrators may hold, per axis. deg
-    pub lean_integral_deg: f64,
-    /// Least thrust in flight. frac
-    pub thrust_min_frac: f64,
-    /// Most thrust in flight. frac
-    pub thrust_max_frac: f64,
-    /// Largest thrust the integrator may hold, either sign. frac
-    pub thrust_integral_frac: f64,
-    /// Largest climb or sink rate the position integrator may hold. m/s
-    pub vertical_integral_mps: f64,
-    /// Rate at which the yaw setpoint follows the command. deg/s
-    pub yaw_rate_degps: f64,
-    /// Largest factor on thrust from tilt compensation; its inverse is the smallest. frac
-    pub tilt_compensation_max_frac: f64,
-}
-
-impl Default for LimitsConfig {
-    fn default() -> Self {
-        Self {
-            horizontal_mps: 2.0,
-            vertical_mps: 2.0,
-            tilt_deg: 45.0,
-            // Enough to hold 1 m/s against drag without feed-forward (23 deg).
-            lean_integral_deg: 25.0,
-            // 20000 and 60000 of 65535 counts.
-            thrust_min_frac: 0.305,
-            thrust_max_frac: 0.916,
-            // Constant base thrust is 0.11 short at 6.3 V and 0.08 over at 8.4 V; twice that.
-            thrust_integral_frac: 0.25,
-            vertical_integral_mps: 0.3,
-            yaw_rate_degps: 60.0,
-            // 1/cos 37 deg: more than the default tilt limit asks for.
-            tilt_compensation_max_frac: 1.25,
-        }
+crate::keys! {
+    /// Configuration of the controller, key `control`.
+    pub struct ControlConfig {
+        /// Controller and filter of the source, without or with its enhancements.
+        ///
+        /// It decides every switch below that is not set, and the two of the filter.
+        version: Version = Version::Modified, CTL_VERSION(47, Restart);
+        /// Drag feed-forward.
+        ///
+        /// Set to switch it alone, whatever the version.
+        drag_feed_forward: Option<bool> = None, {"true"}, CTL_DRAG_FF(48, OnFloor);
+        /// Base thrust over battery voltage.
+        ///
+        /// Set to switch it alone, whatever the version.
+        voltage_base_thrust: Option<bool> = None, {"true"}, CTL_VOLT_BASE(49, OnFloor);
+        /// Ground-effect correction.
+        ///
+        /// Set to switch it alone, whatever the version.
+        ground_correction: Option<bool> = None, {"true"}, CTL_GND_CORR(50, OnFloor);
+        /// How thrust answers to tilt.
+        ///
+        /// Not set: off in raw, drag_aware in modified.
+        tilt_compensation: Option<TiltCompensation> = None, {"\"drag_aware\""}, CTL_TILT_COMP(51, OnFloor);
+        /// Drag term in the filter's prediction.
+        ///
+        /// Set to switch it alone, whatever the version.
+        filter_drag: Option<bool> = None, {"true"}, CTL_FLT_DRAG(52, Restart);
+        /// UWB noise that depends on height.
+        ///
+        /// Set to switch it alone, whatever the version.
+        variable_uwb_noise: Option<bool> = None, {"true"}, CTL_VAR_UWB(53, Restart);
+        /// Errors of the UWB learned by anchor in flight.
+        ///
+        /// One set for all rooms in place of what `[estimator]` says of them by default. Set to switch it alone, whatever
+        /// the version.
+        // What `[estimator]` says of them otherwise than by default stays.
+        learned_uwb_errors: Option<bool> = None, {"true"}, CTL_LEARN_UWB(54, Restart);
+        /// How fast an output fades to the law's own after a switch: time constant.
+        // One time constant of the closed velocity loop.
+        switch_fade_s: f64 = 0.3, [0.0..=5.0, "s"], CTL_FADE_T(55, AtOnce);
+    } sections {
+        /// Limits of setpoints and outputs.
+        limits: LimitsConfig;
+        /// Trims of the servos.
+        trims: TrimConfig;
+        /// Gains of the loops, the same in both versions.
+        gains: ControlGains;
+        /// Drag feed-forward.
+        drag: DragConfig;
+        /// Base thrust over battery voltage.
+        voltage: VoltageConfig;
+        /// Ground-effect correction.
+        ground: GroundConfig;
     }
 }
 
-/// Trims of the servos, key `control.trims`: added to the attitude setpoint, so that level flight
-/// is level. `haltere fit trims` finds them from a hover log.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct TrimConfig {
-    /// Added to the roll setpoint. deg
-    pub roll_deg: f64,
-    /// Added to the pitch setpoint. deg
-    pub pitch_deg: f64,
-    /// Added to the yaw setpoint. deg
-    pub yaw_deg: f64,
+crate::keys! {
+    /// Limits, key `control.limits`. Defaults: public firmware of the vehicle, except tilt and vertical
+    /// speed.
+    #[derive(Copy)]
+    pub struct LimitsConfig {
+        /// Horizontal speed setpoint, as a vector.
+        horizontal_mps: f64 = 2.0, [0.1..=4.0, "m/s"], CLM_HOR_SPD(56, AtOnce);
+        /// Vertical speed setpoint, up and down.
+        // Firmware 1; the step tests of 2 m spend most of their time at that limit, and thrust (0.48 to 1.43 of the
+        // weight) brakes from 2 within 0.4 m.
+        vertical_mps: f64 = 2.0, [0.1..=3.0, "m/s"], CLM_VER_SPD(57, AtOnce);
+        /// Lean from the vertical, roll and pitch as a vector, trims not counted.
+        ///
+        /// With 30 deg, drag of 4.2 1/s allows 1.35 m/s forward; 2 m/s need 41, and the source tested to 52 deg.
+        tilt_deg: f64 = 45.0, [5.0..=TESTED_LEAN_DEG, "deg"], CLM_TILT(58, OnFloor);
+        /// Largest lean the integrators may hold, per axis.
+        // Enough to hold 1 m/s against drag without feed-forward (23 deg).
+        lean_integral_deg: f64 = 25.0, [0.0..=45.0, "deg"],
+            CLM_LEAN_INT(59, OnFloor, "Largest lean the integrators may hold, per axis. At most CLM_TILT.");
+        /// Least thrust in flight, 0 to 1.
+        // 20000 and 60000 of 65535 counts.
+        thrust_min_frac: f64 = 0.305, [0.0..=0.5], CLM_THR_MIN(60, OnFloor);
+        /// Most thrust in flight, 0 to 1.
+        thrust_max_frac: f64 = 0.916, [0.5..=1.0], CLM_THR_MAX(61, OnFloor);
+        /// Largest thrust the integrator may hold, either sign, 0 to 1.
+        // Constant base thrust is 0.11 short at 6.3 V and 0.08 over at 8.4 V; twice that.
+        thrust_integral_frac: f64 = 0.25, [0.0..=0.5], CLM_THR_INT(62, OnFloor);
+        /// Largest climb or sink rate the position integrator may hold.
+        vertical_integral_mps: f64 = 0.3, [0.0..=1.0, "m/s"], CLM_VER_INT(63, OnFloor);
+        /// Rate at which the yaw setpoint follows the command.
+        yaw_rate_degps: f64 = 60.0, [1.0..=360.0, "deg/s"], CLM_YAW_RATE(64, AtOnce);
+        /// Largest factor on thrust from tilt compensation; its inverse is the smallest.
+        // 1/cos 37 deg: more than the default tilt limit asks for.
+        tilt_compensation_max_frac: f64 = 1.25, [1.0..=1.7], CLM_TILT_FACT(65, OnFloor);
+    } rules joined;
+}
+
+crate::keys! {
+    /// Trims of the servos, key `control.trims`: added to the attitude setpoint, so that level flight
+    /// is level. `haltere fit trims` finds them from a hover log.
+    #[derive(Copy)]
+    pub struct TrimConfig {
+        /// Added to the roll setpoint.
+        roll_deg: f64 = 0.0, [-MAX_TRIM_DEG..=MAX_TRIM_DEG, "deg"], TRM_ROLL(66, AtOnce);
+        /// Added to the pitch setpoint.
+        pitch_deg: f64 = 0.0, [-MAX_TRIM_DEG..=MAX_TRIM_DEG, "deg"], TRM_PITCH(67, AtOnce);
+        /// Added to the yaw setpoint.
+        yaw_deg: f64 = 0.0, [-MAX_YAW_TRIM_DEG..=MAX_YAW_TRIM_DEG, "deg"], TRM_YAW(68, OnFloor);
+    }
 }
 
 /// Largest trim in roll and pitch, deg: more is a vehicle to mend, not to trim (the pitch servo
@@ -164,29 +165,6 @@ pub struct Enhancements {
     pub variable_uwb_noise: bool,
     /// Errors of the UWB learned by anchor.
     pub learned_uwb_errors: bool,
-}
-
-impl Default for ControlConfig {
-    fn default() -> Self {
-        Self {
-            version: Version::Modified,
-            drag_feed_forward: None,
-            voltage_base_thrust: None,
-            ground_correction: None,
-            tilt_compensation: None,
-            filter_drag: None,
-            variable_uwb_noise: None,
-            learned_uwb_errors: None,
-            // One time constant of the closed velocity loop.
-            switch_fade_s: 0.3,
-            limits: LimitsConfig::default(),
-            trims: TrimConfig::default(),
-            gains: ControlGains::default(),
-            drag: DragConfig::default(),
-            voltage: VoltageConfig::default(),
-            ground: GroundConfig::default(),
-        }
-    }
 }
 
 /// Share of the fastest speed that is asked of the vehicle for long: with the rest the position loop catches the point up.
@@ -217,35 +195,10 @@ impl ControlConfig {
             learned_uwb_errors: self.learned_uwb_errors.unwrap_or(on),
         }
     }
-
-    /// Says what is wrong with the values under `key` (usually `control`).
-    pub fn check(&self, key: &str, problems: &mut Problems) {
-        problems.range(format!("{key}.switch_fade_s"), self.switch_fade_s, 0.0..=5.0, "s");
-        self.limits.check(&format!("{key}.limits"), problems);
-        self.trims.check(&format!("{key}.trims"), problems);
-        self.gains.check(&format!("{key}.gains"), problems);
-        self.drag.check(&format!("{key}.drag"), problems);
-        self.voltage.check(&format!("{key}.voltage"), problems);
-        self.ground.check(&format!("{key}.ground"), problems);
-    }
 }
 
 impl LimitsConfig {
-    /// Says what is wrong with the values under `key`.
-    pub fn check(&self, key: &str, problems: &mut Problems) {
-        let mut range = |name: &str, value, allowed, unit| {
-            problems.range(format!("{key}.{name}"), value, allowed, unit);
-        };
-        range("horizontal_mps", self.horizontal_mps, 0.1..=4.0, "m/s");
-        range("vertical_mps", self.vertical_mps, 0.1..=3.0, "m/s");
-        range("tilt_deg", self.tilt_deg, 5.0..=TESTED_LEAN_DEG, "deg");
-        range("lean_integral_deg", self.lean_integral_deg, 0.0..=45.0, "deg");
-        range("thrust_min_frac", self.thrust_min_frac, 0.0..=0.5, "");
-        range("thrust_max_frac", self.thrust_max_frac, 0.5..=1.0, "");
-        range("thrust_integral_frac", self.thrust_integral_frac, 0.0..=0.5, "");
-        range("vertical_integral_mps", self.vertical_integral_mps, 0.0..=1.0, "m/s");
-        range("yaw_rate_degps", self.yaw_rate_degps, 1.0..=360.0, "deg/s");
-        range("tilt_compensation_max_frac", self.tilt_compensation_max_frac, 1.0..=1.7, "");
+    fn joined(&self, key: &str, problems: &mut Problems) {
         if self.lean_integral_deg > self.tilt_deg {
             problems.say(format!(
                 "{key}.lean_integral_deg = {} exceeds {key}.tilt_deg = {}: an integrator that \
@@ -256,16 +209,31 @@ impl LimitsConfig {
     }
 }
 
-impl TrimConfig {
-    /// Says what is wrong with the values under `key`.
-    pub fn check(&self, key: &str, problems: &mut Problems) {
-        let small = -MAX_TRIM_DEG..=MAX_TRIM_DEG;
-        problems.range(format!("{key}.roll_deg"), self.roll_deg, small.clone(), "deg");
-        problems.range(format!("{key}.pitch_deg"), self.pitch_deg, small, "deg");
-        let yaw = -MAX_YAW_TRIM_DEG..=MAX_YAW_TRIM_DEG;
-        problems.range(format!("{key}.yaw_deg"), self.yaw_deg, yaw, "deg");
+choices!(Version: Raw "raw", Modified "modified");
+
+impl Value for Option<TiltCompensation> {
+    fn kind() -> Kind {
+        Kind::Choice(&[
+            (-1, "as the version has it"),
+            (0, "off"),
+            (1, "geometric"),
+            (2, "drag aware"),
+        ])
+    }
+
+    fn number(&self, part: usize, low: f64) -> f64 {
+        self.map_or(BY_VERSION, |tilt| tilt.number(part, low))
+    }
+
+    fn set(&mut self, part: usize, number: f64, low: f64) {
+        *self = (number >= 0.0).then(|| {
+            let mut tilt = TiltCompensation::Off;
+            tilt.set(part, number, low);
+            tilt
+        });
     }
 }
+choices!(TiltCompensation: Off "off", Geometric "geometric", DragAware "drag aware");
 
 #[cfg(test)]
 mod tests {

@@ -25,6 +25,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::checks::Problems;
+use crate::choices;
 
 /// Largest lean the source tested, degrees: nothing here or above asks for more.
 pub const TESTED_LEAN_DEG: f64 = 52.0;
@@ -47,31 +48,33 @@ pub enum DragReading {
     VelocityOfAngle,
 }
 
-/// θ(v) = a + b·e^(−c·v), angle in degrees (negative leans into the motion), speed in m/s.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct AngleOfVelocity {
-    /// Angle approached at high speed, negative. deg
-    pub a_deg: f64,
-    /// What is missing from it at rest: −a, unless a fit says otherwise. deg
-    pub b_deg: f64,
-    /// How fast the angle is approached. s/m
-    pub c_s_per_m: f64,
+crate::keys! {
+    /// θ(v) = a + b·e^(−c·v), angle in degrees (negative leans into the motion), speed in m/s.
+    #[derive(Copy)]
+    pub struct AngleOfVelocity whole {
+        /// Angle approached at high speed, negative.
+        a_deg: f64 = -90.0, [-ASYMPTOTE_MOST_DEG..=0.0, "deg"];
+        /// What is missing from it at rest: −a, unless a fit says otherwise.
+        b_deg: f64 = 90.0, [0.0..=ASYMPTOTE_MOST_DEG, "deg"];
+        /// How fast the angle is approached.
+        c_s_per_m: f64 = 0.3, [0.001..=5.0, "s/m"];
+    }
 }
 
-/// v(θ) = a + b·e^(−c·θ), speed in m/s, angle in degrees (negative leans into the motion).
-///
-/// a < 0, b > 0, c > 0: speed grows ever faster with lean (as `tan` does). a > 0, b < 0, c < 0:
-/// speed saturates at a; at and beyond that speed the lean is the configured limit.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct VelocityOfAngle {
-    /// Constant part. m/s
-    pub a_mps: f64,
-    /// Exponential part: −a, unless a fit says otherwise. m/s
-    pub b_mps: f64,
-    /// Exponent per degree. 1/deg
-    pub c_per_deg: f64,
+crate::keys! {
+    /// v(θ) = a + b·e^(−c·θ), speed in m/s, angle in degrees (negative leans into the motion).
+    ///
+    /// a < 0, b > 0, c > 0: speed grows ever faster with lean (as `tan` does). a > 0, b < 0, c < 0:
+    /// speed saturates at a; at and beyond that speed the lean is the configured limit.
+    #[derive(Copy)]
+    pub struct VelocityOfAngle whole {
+        /// Constant part.
+        a_mps: f64 = -2.5544, [-100.0..=100.0, "m/s"];
+        /// Exponential part: −a, unless a fit says otherwise.
+        b_mps: f64 = 2.5544, [-100.0..=100.0, "m/s"];
+        /// Exponent per degree.
+        c_per_deg: f64 = 0.01425, [-1.0..=1.0, "1/deg"];
+    }
 }
 
 impl AngleOfVelocity {
@@ -95,80 +98,68 @@ impl VelocityOfAngle {
     }
 }
 
-/// Parameters of the drag feed-forward, key `control.drag`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct DragConfig {
-    /// `angle_of_velocity` uses `pitch` and `roll`; `velocity_of_angle` uses `pitch_inverse` and
-    /// `roll_inverse`.
-    pub reading: DragReading,
-    /// Forward: θ = a + b·e^(−c·v), the source's starting values.
-    pub pitch: AngleOfVelocity,
-    /// Sideways: as forward, with the smaller drag of that axis.
-    pub roll: AngleOfVelocity,
-    /// Forward in the other reading: v = a + b·e^(−c·θ).
-    pub pitch_inverse: VelocityOfAngle,
-    /// Sideways in the other reading.
-    pub roll_inverse: VelocityOfAngle,
-    /// Largest feed-forward angle per axis. deg
-    pub limit_deg: f64,
-    /// Time constant of the low-pass between velocity setpoint and feed-forward. s
-    pub filter_s: f64,
-    /// Time constant of the velocity that the integrators expect of the feed-forward: they see the
-    /// setpoint through this low-pass, or they would add up the same lean once more. s
-    pub integral_reference_s: f64,
+crate::keys! {
+    /// Parameters of the drag feed-forward, key `control.drag`.
+    #[derive(Copy)]
+    pub struct DragConfig {
+        /// angle_of_velocity uses pitch and roll; velocity_of_angle uses pitch_inverse and roll_inverse.
+        reading: DragReading = DragReading::AngleOfVelocity,
+            DRG_READING(85, OnFloor, "Which of the two laws is used: DRG_PIT and DRG_ROL, or DRG_IPT and DRG_IRL.");
+        /// Largest feed-forward angle per axis.
+        limit_deg: f64 = 45.0, [0.0..=TESTED_LEAN_DEG, "deg"], DRG_LIMIT(98, OnFloor);
+        /// Time constant of the low-pass between velocity setpoint and feed-forward.
+        // About half the lag of attitude and body: fast enough to lead the velocity, slow
+        // enough that a step of the setpoint does not throw the whole angle in one step.
+        filter_s: f64 = 0.1, [0.0..=2.0, "s"], DRG_FILTER_T(99, OnFloor);
+        /// Time constant of the velocity that the integrators expect of the feed-forward.
+        ///
+        /// They see the setpoint through this low-pass, or they would add up the same lean once more.
+        // Closed velocity loop with feed-forward. In `closed_loop`, with gains found for raw:
+        // 0 s overshoots (1 m steps 0.16 m mean error), 0.2 s does not (0.12 m), 0.6 s lags.
+        integral_reference_s: f64 = 0.2, [0.0..=2.0, "s"], DRG_INT_REF_T(100, OnFloor);
+    } sections {
+        /// Forward: θ = a + b·e^(−c·v), the source's starting values.
+        pitch: AngleOfVelocity,
+            DRG_PIT_A(86, OnFloor, "Lean forward over speed v is a + b exp(-c v): a."),
+            DRG_PIT_B(87, OnFloor, "Lean forward over speed v is a + b exp(-c v): b."),
+            DRG_PIT_C(88, OnFloor, "Lean forward over speed v is a + b exp(-c v): c.");
+        /// Sideways: as forward, with the smaller drag of that axis.
+        // Same asymptote (thrust horizontal); c by least squares against atan(1.9·v/g) over
+        // 0 to 2 m/s, largest error 0.3°: `val_roll_law_is_the_published_sideways_drag`.
+        roll: AngleOfVelocity = AngleOfVelocity { a_deg: -90.0, b_deg: 90.0, c_s_per_m: 0.132 },
+            DRG_ROL_A(89, OnFloor, "Lean sideways over speed v is a + b exp(-c v): a."),
+            DRG_ROL_B(90, OnFloor, "Lean sideways over speed v is a + b exp(-c v): b."),
+            DRG_ROL_C(91, OnFloor, "Lean sideways over speed v is a + b exp(-c v): c.");
+        /// Forward in the other reading: v = a + b·e^(−c·θ).
+        // v = g·tan θ/k grows ever faster, so a < 0 < c; a and c from atan(k·v/g) at 1 and
+        // 2 m/s: `val_both_readings_hold_the_same_drag`.
+        pitch_inverse: VelocityOfAngle,
+            DRG_IPT_A(92, OnFloor, "Speed forward over lean q is a + b exp(-c q): a."),
+            DRG_IPT_B(93, OnFloor, "Speed forward over lean q is a + b exp(-c q): b."),
+            DRG_IPT_C(94, OnFloor, "Speed forward over lean q is a + b exp(-c q): c.");
+        /// Sideways in the other reading.
+        roll_inverse: VelocityOfAngle = VelocityOfAngle { a_mps: -13.151, b_mps: 13.151, c_per_deg: 0.0066837 },
+            DRG_IRL_A(95, OnFloor, "Speed sideways over lean q is a + b exp(-c q): a."),
+            DRG_IRL_B(96, OnFloor, "Speed sideways over lean q is a + b exp(-c q): b."),
+            DRG_IRL_C(97, OnFloor, "Speed sideways over lean q is a + b exp(-c q): c.");
+    } rules shapes;
 }
 
-impl Default for DragConfig {
-    fn default() -> Self {
-        Self {
-            reading: DragReading::AngleOfVelocity,
-            // The source's own.
-            pitch: AngleOfVelocity { a_deg: -90.0, b_deg: 90.0, c_s_per_m: 0.3 },
-            // Same asymptote (thrust horizontal); c by least squares against atan(1.9·v/g) over
-            // 0 to 2 m/s, largest error 0.3°: `val_roll_law_is_the_published_sideways_drag`.
-            roll: AngleOfVelocity { a_deg: -90.0, b_deg: 90.0, c_s_per_m: 0.132 },
-            // v = g·tan θ/k grows ever faster, so a < 0 < c; a and c from atan(k·v/g) at 1 and
-            // 2 m/s: `val_both_readings_hold_the_same_drag`.
-            pitch_inverse: VelocityOfAngle { a_mps: -2.5544, b_mps: 2.5544, c_per_deg: 0.014250 },
-            roll_inverse: VelocityOfAngle { a_mps: -13.151, b_mps: 13.151, c_per_deg: 0.0066837 },
-            limit_deg: 45.0,
-            // About half the lag of attitude and body: fast enough to lead the velocity, slow
-            // enough that a step of the setpoint does not throw the whole angle in one step.
-            filter_s: 0.1,
-            // Closed velocity loop with feed-forward. In `closed_loop`, with gains found for raw:
-            // 0 s overshoots (1 m steps 0.16 m mean error), 0.2 s does not (0.12 m), 0.6 s lags.
-            integral_reference_s: 0.2,
-        }
-    }
-}
+choices!(DragReading: AngleOfVelocity "angle of velocity", VelocityOfAngle "velocity of angle");
 
 /// Largest asymptote of a law of lean over speed, deg: half a turn, beyond which an angle names no other lean. A law that
 /// needs more is a line over every lean that a vehicle flies.
 pub const ASYMPTOTE_MOST_DEG: f64 = 180.0;
 
 impl DragConfig {
-    /// Says what is wrong with the values under `key`.
-    pub fn check(&self, key: &str, problems: &mut Problems) {
-        problems.range(format!("{key}.limit_deg"), self.limit_deg, 0.0..=TESTED_LEAN_DEG, "deg");
-        problems.range(format!("{key}.filter_s"), self.filter_s, 0.0..=2.0, "s");
-        let reference_s = self.integral_reference_s;
-        problems.range(format!("{key}.integral_reference_s"), reference_s, 0.0..=2.0, "s");
+    fn shapes(&self, key: &str, problems: &mut Problems) {
         for (name, law) in [("pitch", self.pitch), ("roll", self.roll)] {
-            let key = format!("{key}.{name}");
-            problems.range(format!("{key}.a_deg"), law.a_deg, -ASYMPTOTE_MOST_DEG..=0.0, "deg");
-            problems.range(format!("{key}.b_deg"), law.b_deg, 0.0..=ASYMPTOTE_MOST_DEG, "deg");
-            problems.range(format!("{key}.c_s_per_m"), law.c_s_per_m, 0.001..=5.0, "s/m");
-            check_shape(&key, problems, |v| law.lean_deg(v));
+            check_shape(&format!("{key}.{name}"), problems, |v| law.lean_deg(v));
         }
         for (name, law) in
             [("pitch_inverse", self.pitch_inverse), ("roll_inverse", self.roll_inverse)]
         {
-            let key = format!("{key}.{name}");
-            problems.range(format!("{key}.a_mps"), law.a_mps, -100.0..=100.0, "m/s");
-            problems.range(format!("{key}.b_mps"), law.b_mps, -100.0..=100.0, "m/s");
-            problems.range(format!("{key}.c_per_deg"), law.c_per_deg, -1.0..=1.0, "1/deg");
-            check_shape(&key, problems, |v| law.lean_deg(v));
+            check_shape(&format!("{key}.{name}"), problems, |v| law.lean_deg(v));
         }
     }
 

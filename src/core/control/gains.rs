@@ -17,46 +17,47 @@
 //! 12 500 counts of 65 535 per m/s), with far more I: without drag feed-forward the I has to
 //! carry 23° at 1 m/s.
 
-use serde::{Deserialize, Serialize};
+use crate::keys::{Range, Section};
 
-use crate::checks::Problems;
-
-/// Gains of position and velocity loops, key `control.gains`. x is forward, y is right.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ControlGains {
-    /// Velocity setpoint per position error, forward. 1/s
-    pub pos_x_p_per_s: f64,
-    /// Velocity setpoint per position error, right. 1/s
-    pub pos_y_p_per_s: f64,
-    /// Velocity setpoint per position error, down. 1/s
-    pub pos_z_p_per_s: f64,
-    /// Velocity setpoint per position error and second, down. 1/s²
-    pub pos_z_i_per_s2: f64,
-    /// Velocity setpoint taken off per measured velocity, horizontal. m/s per m/s
-    pub pos_xy_d_frac: f64,
-    /// Velocity setpoint taken off per measured velocity, vertical. m/s per m/s
-    pub pos_z_d_frac: f64,
-    /// Lean per velocity error, forward. rad per m/s
-    pub vel_x_p_rad_per_mps: f64,
-    /// Lean per velocity error and second, forward. rad per m
-    pub vel_x_i_rad_per_m: f64,
-    /// Lean taken off per measured acceleration, forward. rad per m/s²
-    pub vel_x_d_rad_per_mps2: f64,
-    /// Lean per velocity error, right. rad per m/s
-    pub vel_y_p_rad_per_mps: f64,
-    /// Lean per velocity error and second, right. rad per m
-    pub vel_y_i_rad_per_m: f64,
-    /// Lean taken off per measured acceleration, right. rad per m/s²
-    pub vel_y_d_rad_per_mps2: f64,
-    /// Thrust per velocity error, vertical. frac per m/s
-    pub vel_z_p_frac_per_mps: f64,
-    /// Thrust per velocity error and second, vertical. frac per m
-    pub vel_z_i_frac_per_m: f64,
-    /// Thrust taken off per measured acceleration, vertical. frac per m/s²
-    pub vel_z_d_frac_per_mps2: f64,
-    /// Time constant of the low-pass on the measured acceleration that feeds D. s
-    pub vel_d_filter_s: f64,
+crate::keys! {
+    /// Gains of position and velocity loops, key `control.gains`. x is forward, y is right.
+    /// Found for `raw` by `haltere-lab tune --generations 60 --seeds 2`, rounded to three digits: the
+    /// least worst-case error over a nominal vehicle and seven that differ from it.
+    #[derive(Copy)]
+    pub struct ControlGains {
+        /// Velocity setpoint per position error, forward.
+        pos_x_p_per_s: f64 = 1.54, [0.0..=6.0, "1/s"], GAN_POS_X_P(69, AtOnce);
+        /// Velocity setpoint per position error, right.
+        pos_y_p_per_s: f64 = 1.32, [0.0..=6.0, "1/s"], GAN_POS_Y_P(70, AtOnce);
+        /// Velocity setpoint per position error, down.
+        pos_z_p_per_s: f64 = 1.85, [0.0..=8.0, "1/s"], GAN_POS_Z_P(71, AtOnce);
+        /// Velocity setpoint per position error and second, down.
+        pos_z_i_per_s2: f64 = 0.14, [0.0..=2.0, "1/s²"], GAN_POS_Z_I(72, AtOnce);
+        /// Velocity setpoint taken off per measured velocity, horizontal.
+        pos_xy_d_frac: f64 = 0.0, [0.0..=0.8, "m/s per m/s"], GAN_POS_XY_D(73, AtOnce);
+        /// Velocity setpoint taken off per measured velocity, vertical.
+        pos_z_d_frac: f64 = 0.0, [0.0..=0.8, "m/s per m/s"], GAN_POS_Z_D(74, AtOnce);
+        /// Lean per velocity error, forward.
+        vel_x_p_rad_per_mps: f64 = 0.334, [0.0..=1.0, "rad per m/s"], GAN_VEL_X_P(75, AtOnce);
+        /// Lean per velocity error and second, forward.
+        vel_x_i_rad_per_m: f64 = 1.12, [0.0..=3.0, "rad per m"], GAN_VEL_X_I(76, AtOnce);
+        /// Lean taken off per measured acceleration, forward.
+        vel_x_d_rad_per_mps2: f64 = 0.0536, [0.0..=0.1, "rad per m/s²"], GAN_VEL_X_D(77, AtOnce);
+        /// Lean per velocity error, right.
+        vel_y_p_rad_per_mps: f64 = 0.35, [0.0..=1.0, "rad per m/s"], GAN_VEL_Y_P(78, AtOnce);
+        /// Lean per velocity error and second, right.
+        vel_y_i_rad_per_m: f64 = 0.632, [0.0..=3.0, "rad per m"], GAN_VEL_Y_I(79, AtOnce);
+        /// Lean taken off per measured acceleration, right.
+        vel_y_d_rad_per_mps2: f64 = 0.0058, [0.0..=0.1, "rad per m/s²"], GAN_VEL_Y_D(80, AtOnce);
+        /// Thrust per velocity error, vertical.
+        vel_z_p_frac_per_mps: f64 = 0.374, [0.0..=1.0, "frac per m/s"], GAN_VEL_Z_P(81, AtOnce);
+        /// Thrust per velocity error and second, vertical.
+        vel_z_i_frac_per_m: f64 = 0.0632, [0.0..=1.5, "frac per m"], GAN_VEL_Z_I(82, AtOnce);
+        /// Thrust taken off per measured acceleration, vertical.
+        vel_z_d_frac_per_mps2: f64 = 0.0152, [0.0..=0.1, "frac per m/s²"], GAN_VEL_Z_D(83, AtOnce);
+        /// Time constant of the low-pass on the measured acceleration.
+        vel_d_filter_s: f64 = 0.05, [0.0..=0.5, "s"], GAN_VEL_D_T(84, AtOnce);
+    }
 }
 
 /// One number that a search may change.
@@ -74,89 +75,45 @@ pub struct Tunable {
     pub unit: &'static str,
 }
 
-const fn log(name: &'static str, low: f64, high: f64, unit: &'static str) -> Tunable {
-    Tunable { name, low, high, log_scale: true, unit }
-}
-
-const fn linear(name: &'static str, high: f64, unit: &'static str) -> Tunable {
-    Tunable { name, low: 0.0, high, log_scale: false, unit }
-}
-
 /// How many numbers [`ControlGains`] has.
-pub const TUNABLE_COUNT: usize = 16;
+pub const TUNABLE_COUNT: usize = ControlGains::KEYS.len();
+
+/// Where a search begins to step in ratios; 0 for those that are off by default.
+const LOWEST: [f64; TUNABLE_COUNT] = [
+    0.3, 0.3, 0.3, 0.0, 0.0, 0.0, // position
+    0.03, 0.01, 0.0, 0.03, 0.01, 0.0, 0.03, 0.005, 0.0,  // velocity
+    0.01, // low-pass of D
+];
 
 impl ControlGains {
     /// What a search may change, in the order of [`Self::as_vector`].
-    pub const TUNABLES: [Tunable; TUNABLE_COUNT] = [
-        log("pos_x_p_per_s", 0.3, 6.0, "1/s"),
-        log("pos_y_p_per_s", 0.3, 6.0, "1/s"),
-        log("pos_z_p_per_s", 0.3, 8.0, "1/s"),
-        linear("pos_z_i_per_s2", 2.0, "1/s²"),
-        linear("pos_xy_d_frac", 0.8, "m/s per m/s"),
-        linear("pos_z_d_frac", 0.8, "m/s per m/s"),
-        log("vel_x_p_rad_per_mps", 0.03, 1.0, "rad per m/s"),
-        log("vel_x_i_rad_per_m", 0.01, 3.0, "rad per m"),
-        linear("vel_x_d_rad_per_mps2", 0.1, "rad per m/s²"),
-        log("vel_y_p_rad_per_mps", 0.03, 1.0, "rad per m/s"),
-        log("vel_y_i_rad_per_m", 0.01, 3.0, "rad per m"),
-        linear("vel_y_d_rad_per_mps2", 0.1, "rad per m/s²"),
-        log("vel_z_p_frac_per_mps", 0.03, 1.0, "frac per m/s"),
-        log("vel_z_i_frac_per_m", 0.005, 1.5, "frac per m"),
-        linear("vel_z_d_frac_per_mps2", 0.1, "frac per m/s²"),
-        log("vel_d_filter_s", 0.01, 0.5, "s"),
-    ];
+    pub const TUNABLES: [Tunable; TUNABLE_COUNT] = {
+        let mut all = [Tunable { name: "", low: 0.0, high: 0.0, log_scale: false, unit: "" }; _];
+        let mut i = 0;
+        while i < TUNABLE_COUNT {
+            let (key, low) = (&Self::KEYS[i], LOWEST[i]);
+            if let Some(Range { high, unit, .. }) = key.range {
+                all[i] = Tunable { name: key.name, low, high, log_scale: low > 0.0, unit };
+            }
+            i += 1;
+        }
+        all
+    };
 
-    /// The numbers in the order of [`Self::TUNABLES`].
+    /// The numbers in the order of [`Self::TUNABLES`]. Any may be 0, which switches it off.
     pub fn as_vector(&self) -> [f64; TUNABLE_COUNT] {
-        [
-            self.pos_x_p_per_s,
-            self.pos_y_p_per_s,
-            self.pos_z_p_per_s,
-            self.pos_z_i_per_s2,
-            self.pos_xy_d_frac,
-            self.pos_z_d_frac,
-            self.vel_x_p_rad_per_mps,
-            self.vel_x_i_rad_per_m,
-            self.vel_x_d_rad_per_mps2,
-            self.vel_y_p_rad_per_mps,
-            self.vel_y_i_rad_per_m,
-            self.vel_y_d_rad_per_mps2,
-            self.vel_z_p_frac_per_mps,
-            self.vel_z_i_frac_per_m,
-            self.vel_z_d_frac_per_mps2,
-            self.vel_d_filter_s,
-        ]
+        Self::TUNABLES.map(|t| self.value(t.name).map_or(0.0, |v| v.number(0, 0.0)))
     }
 
     /// Gains from numbers in the order of [`Self::TUNABLES`].
     pub fn from_vector(v: [f64; TUNABLE_COUNT]) -> Self {
-        let [pxp, pyp, pzp, pzi, pd, pzd, vxp, vxi, vxd, vyp, vyi, vyd, vzp, vzi, vzd, filter] = v;
-        Self {
-            pos_x_p_per_s: pxp,
-            pos_y_p_per_s: pyp,
-            pos_z_p_per_s: pzp,
-            pos_z_i_per_s2: pzi,
-            pos_xy_d_frac: pd,
-            pos_z_d_frac: pzd,
-            vel_x_p_rad_per_mps: vxp,
-            vel_x_i_rad_per_m: vxi,
-            vel_x_d_rad_per_mps2: vxd,
-            vel_y_p_rad_per_mps: vyp,
-            vel_y_i_rad_per_m: vyi,
-            vel_y_d_rad_per_mps2: vyd,
-            vel_z_p_frac_per_mps: vzp,
-            vel_z_i_frac_per_m: vzi,
-            vel_z_d_frac_per_mps2: vzd,
-            vel_d_filter_s: filter,
+        let mut gains = Self::default();
+        for (tunable, number) in Self::TUNABLES.iter().zip(v) {
+            if let Some(value) = gains.value_mut(tunable.name) {
+                value.set(0, number, 0.0);
+            }
         }
-    }
-
-    /// Says what is wrong with the values under `key`. Any gain may be 0, which switches it off.
-    pub fn check(&self, key: &str, problems: &mut Problems) {
-        for (tunable, value) in Self::TUNABLES.iter().zip(self.as_vector()) {
-            let allowed = 0.0..=tunable.high;
-            problems.range(format!("{key}.{}", tunable.name), value, allowed, tunable.unit);
-        }
+        gains
     }
 }
 
@@ -184,34 +141,10 @@ impl ControlGains {
     }
 }
 
-impl Default for ControlGains {
-    /// Found for `raw` by `haltere-lab tune --generations 60 --seeds 2`, rounded to three digits: the
-    /// least worst-case error over a nominal vehicle and seven that differ from it.
-    fn default() -> Self {
-        Self {
-            pos_x_p_per_s: 1.54,
-            pos_y_p_per_s: 1.32,
-            pos_z_p_per_s: 1.85,
-            pos_z_i_per_s2: 0.14,
-            pos_xy_d_frac: 0.0,
-            pos_z_d_frac: 0.0,
-            vel_x_p_rad_per_mps: 0.334,
-            vel_x_i_rad_per_m: 1.12,
-            vel_x_d_rad_per_mps2: 0.0536,
-            vel_y_p_rad_per_mps: 0.35,
-            vel_y_i_rad_per_m: 0.632,
-            vel_y_d_rad_per_mps2: 0.0058,
-            vel_z_p_frac_per_mps: 0.374,
-            vel_z_i_frac_per_m: 0.0632,
-            vel_z_d_frac_per_mps2: 0.0152,
-            vel_d_filter_s: 0.05,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::checks::Problems;
 
     #[test]
     fn prop_vector_and_struct_are_the_same_numbers_under_the_same_names() {

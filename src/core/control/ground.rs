@@ -19,8 +19,6 @@
 //! it pushes away from the present height. The height is therefore low-passed, and the vertical
 //! loop must be stiffer than that push (see `closed_loop` for the check).
 
-use serde::{Deserialize, Serialize};
-
 use crate::checks::Problems;
 
 /// Lowest height at which the source validated the law, landing gear to ground, m.
@@ -30,31 +28,28 @@ pub const LOWEST_RATIO: f64 = 0.8;
 /// And one above this no loss by the floor: as much the other way.
 pub const HIGHEST_RATIO: f64 = 1.2;
 
-/// Parameters of the ground-effect correction, key `control.ground`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct GroundConfig {
-    /// Strength λ; below zero for a vehicle that loses thrust over the floor. m²
-    pub lambda_m2: f64,
-    /// Height of the law's pole, landing gear to ground. The printed 0.4213 is a misprint. m
-    pub a_m: f64,
-    /// Time constant of the low-pass on the height. s
-    pub filter_s: f64,
-}
-
-impl Default for GroundConfig {
-    fn default() -> Self {
+crate::keys! {
+    /// Parameters of the ground-effect correction, key `control.ground`.
+    #[derive(Copy)]
+    pub struct GroundConfig {
+        /// Strength of the ground effect; below zero where the floor costs thrust.
+        // λ and a: the source, a corrected as above.
         // λ and a: the source, a corrected as above. filter_s: chosen, not tuned; in `closed_loop` hover
         // at 0.25 to 0.6 m with 5 cm of height noise stays within 0.14 m over the wrong floor.
-        Self { lambda_m2: 0.00093, a_m: 0.2213, filter_s: 0.3 }
-    }
+        lambda_m2: f64 = 0.00093, [-0.1..=0.1, "m²"], GND_LAMBDA(108, OnFloor);
+        /// Height of the law's pole. Less than 0.33.
+        ///
+        /// The printed 0.4213 is a misprint.
+        a_m: f64 = 0.2213, ~[0.0..=LOWEST_VALIDATED_M, "m"], GND_POLE(109, OnFloor);
+        /// Time constant of the low-pass on the height.
+        // Chosen, not tuned; in `closed_loop` hover at 0.25 to 0.6 m with 5 cm of height noise stays within 0.14 m over
+        // the wrong floor.
+        filter_s: f64 = 0.3, [0.0..=5.0, "s"], GND_FILTER_T(110, OnFloor);
+    } rules pole;
 }
 
 impl GroundConfig {
-    /// Says what is wrong with the values under `key`.
-    pub fn check(&self, key: &str, problems: &mut Problems) {
-        problems.range(format!("{key}.lambda_m2"), self.lambda_m2, -0.1..=0.1, "m²");
-        problems.range(format!("{key}.filter_s"), self.filter_s, 0.0..=5.0, "s");
+    fn pole(&self, key: &str, problems: &mut Problems) {
         // Written so that NaN is refused too.
         let pole_below = (0.0..LOWEST_VALIDATED_M).contains(&self.a_m);
         if !pole_below {

@@ -12,8 +12,6 @@
 //! coefficients are left, those of n cells are the same law of the voltage of a cell. **Left out.**
 //! Sag within the filter's time constant, temperature, age of the pack.
 
-use serde::{Deserialize, Serialize};
-
 use crate::checks::Problems;
 use crate::control::filter::LowPass;
 
@@ -40,32 +38,29 @@ pub const FITS: [[f64; 4]; 3] = [
 /// between a third and nearly all of their throttle.
 const PLAUSIBLE_BASE_FRAC: std::ops::RangeInclusive<f64> = 0.2..=0.95;
 
-/// Parameters of the base thrust, key `control.voltage`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct VoltageConfig {
-    /// Cells of the pack in series: what voltages are plausible, and the centre of the polynomial, 3.7 V each.
-    pub cells: u8,
-    /// Coefficients of (V − 3.7 · cells) to the power 0, 1, 2, 3: two to four numbers, order 1 to 3. The default stands
-    /// for the same law of the voltage of a cell, however many there are. frac, frac/V, frac/V², frac/V³
-    pub base_coefficients_frac: Vec<f64>,
-    /// Voltage assumed for the constant base thrust and until a voltage is known. V
-    pub nominal_v: f64,
-    /// Time constant of the low-pass on the measured voltage. s
-    pub filter_s: f64,
-}
-
-impl Default for VoltageConfig {
-    fn default() -> Self {
-        Self {
-            cells: USUAL_CELLS,
-            base_coefficients_frac: FITS[2].to_vec(),
-            nominal_v: f64::from(USUAL_CELLS) * CELL_V,
-            // Slower than the sag of a thrust burst (so that burst and sag do not chase each
-            // other), faster than the discharge, which takes minutes.
-            filter_s: 3.0,
-        }
-    }
+crate::keys! {
+    /// Parameters of the base thrust, key `control.voltage`.
+    pub struct VoltageConfig {
+        /// Cells of the pack in series.
+        ///
+        /// Voltages of 2.5 to 4.5 V a cell are believed. nominal_v, battery_low_v and battery_critical_v of `[limits]`
+        /// belong to it.
+        cells: u8 = USUAL_CELLS, [1.0..=MOST_CELLS as f64], VLT_CELLS(105, OnFloor);
+        /// Coefficients of (V − 3.7 · cells) to the power 0, 1, 2, 3: two to four numbers, order 1 to 3. Thrust from 0
+        /// to 1 per V to that power. The default stands for the same law of the voltage of a cell, however many there
+        /// are.
+        base_coefficients_frac: Vec<f64> = FITS[2].to_vec(), ~[-5.0..=5.0],
+            VLT_BASE_0(101, OnFloor, "Base thrust is a polynomial of (V - 3.7 a cell): the coefficient of this power."),
+            VLT_BASE_1(102, OnFloor, "Base thrust is a polynomial of (V - 3.7 a cell): the coefficient of this power."),
+            VLT_BASE_2(103, OnFloor, "Base thrust is a polynomial of (V - 3.7 a cell): the coefficient of this power."),
+            VLT_BASE_3(104, OnFloor, "Base thrust is a polynomial of (V - 3.7 a cell): the coefficient of this power.");
+        /// Voltage assumed until one is known. 3.0 to 4.2 a cell.
+        nominal_v: f64 = f64::from(USUAL_CELLS) * CELL_V, ~[3.0..=4.2 * MOST_CELLS as f64, "V"], VLT_NOMINAL(106, OnFloor);
+        /// Time constant of the low-pass on the measured voltage.
+        // Slower than the sag of a thrust burst (so that burst and sag do not chase each
+        // other), faster than the discharge, which takes minutes.
+        filter_s: f64 = 3.0, [0.0..=60.0, "s"], VLT_FILTER_T(107, OnFloor);
+    } rules plausible;
 }
 
 impl VoltageConfig {
@@ -99,15 +94,12 @@ impl VoltageConfig {
         f64::from(self.cells) * cell_v
     }
 
-    /// Says what is wrong with the values under `key`.
-    pub fn check(&self, key: &str, problems: &mut Problems) {
+    fn plausible(&self, key: &str, problems: &mut Problems) {
         if !(1..=MOST_CELLS).contains(&self.cells) {
-            problems.say(format!("{key}.cells = {}, allowed 1 to {MOST_CELLS}", self.cells));
             return;
         }
         let (lowest_v, highest_v) = (self.lowest_v(), self.highest_v());
         problems.range(format!("{key}.nominal_v"), self.nominal_v, lowest_v..=highest_v, "V");
-        problems.range(format!("{key}.filter_s"), self.filter_s, 0.0..=60.0, "s");
         let key = format!("{key}.base_coefficients_frac");
         let count = self.base_coefficients_frac.len();
         if !(2..=4).contains(&count) {

@@ -32,6 +32,7 @@ use crate::flight::logs::Flown;
 use crate::flight::statistics::{specs, statistics_of};
 use crate::flight::trace::Trace;
 use crate::normal;
+use crate::outcome::Ending;
 use crate::scene::Scene;
 use crate::shrink::{Paired, Shrink, mean, scales, shrink, to_all};
 use haltere_model::effects::Block;
@@ -106,8 +107,8 @@ pub struct BlockGap {
 /// The budget.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Budget {
-    /// `no_gap` or `budget`.
-    pub outcome: &'static str,
+    /// No gap, or a budget.
+    pub outcome: Ending,
     /// What differs, largest share first.
     pub parts: Vec<Part>,
     /// Share of the gap that is left with all of them; `None`: the distance is not above its own noise.
@@ -127,13 +128,13 @@ pub struct Budget {
 impl Budget {
     /// Exit code of `haltere gap budget`.
     pub fn exit_code(&self) -> u8 {
-        if self.outcome == NO_GAP { 0 } else { 15 }
+        self.outcome.exit_code()
     }
 
     /// One line for people.
     pub fn words(&self) -> String {
         let differ = match self.parts.len() {
-            _ if self.outcome == NO_GAP => {
+            _ if self.outcome == Ending::NoGap => {
                 return "no gap beyond what simulated flights of the file differ by among one another"
                     .to_owned();
             }
@@ -165,9 +166,6 @@ impl Part {
         self.or.iter().map(|key| format!(", or {key}")).collect()
     }
 }
-
-const NO_GAP: &str = "no_gap";
-const BUDGET: &str = "budget";
 
 /// Makes the budget. `scene`: room, companion and the vehicle file; `progress`: done, of how many.
 pub fn budget(
@@ -481,7 +479,7 @@ impl<'a> Shares<'a> {
         let gap = self.whole.value.is_some() || !parts.is_empty() || !self.flies;
         let blocks = if gap && self.flies { self.blocks() } else { Vec::new() };
         Budget {
-            outcome: if gap { BUDGET } else { NO_GAP },
+            outcome: if gap { Ending::Budget } else { Ending::NoGap },
             left: self.whole.value.map(|closed| 1.0 - closed),
             parts,
             blocks,

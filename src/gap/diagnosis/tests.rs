@@ -180,7 +180,7 @@ fn prop_the_ladder_goes_from_none_to_two_effects() {
 #[test]
 fn prop_a_log_that_cannot_be_read_has_a_whole_report() {
     let d = unreadable("x.mcap".into(), "byte 3: not a log".into());
-    assert_eq!((d.exit_code(), d.outcome), (30, "log_fault"));
+    assert_eq!((d.exit_code(), d.outcome), (30, Ending::Fault));
     let json = serde_json::to_value(&d).unwrap();
     // Keys that scripts rely on (INTERFACES: `gap diagnose`).
     for key in ["outcome", "where", "effects", "set", "not_testable", "shrink", "replay"] {
@@ -192,9 +192,9 @@ fn prop_a_log_that_cannot_be_read_has_a_whole_report() {
 #[test]
 fn prop_a_budget_is_the_answer_only_where_it_has_parts() {
     let part = budget::Part { key: "mass_kg", file: 0.1, value: 0.12, ..budget::Part::default() };
-    for (parts, outcome, code) in [(vec![part], "budget", 15), (vec![], "log_fault", 30)] {
+    for (parts, outcome, code) in [(vec![part], Ending::Budget, 15), (vec![], Ending::Fault, 30)] {
         let mut d = unreadable("x.mcap".into(), "byte 3: not a log".into());
-        d.budgeted(Budget { outcome: "budget", parts, ..Budget::default() });
+        d.budgeted(Budget { outcome: Ending::Budget, parts, ..Budget::default() });
         assert_eq!((d.outcome, d.exit_code()), (outcome, code));
         assert_eq!(d.remarks.len(), usize::from(code == 30), "what was looked for is told");
         assert_eq!(serde_json::to_value(&d).unwrap()["budget"]["outcome"], "budget");

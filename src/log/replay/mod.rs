@@ -110,7 +110,7 @@ pub fn recorded_config(log: &LogReader) -> Result<Config, ReplayError> {
         .and_then(|mut config| {
             config.limits.resolve_to_anchors(&session.survey);
             let mut problems = Problems::new();
-            config.check(&mut problems);
+            config.check("", &mut problems);
             problems.into_result().map(|()| config)
         })
         .map_err(|problems| ReplayError::Config {

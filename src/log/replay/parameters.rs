@@ -63,7 +63,7 @@ pub fn changed_parameters(log: &LogReader) -> Vec<ParameterChange> {
                     name: parameter.name,
                     from: before.map(decimal),
                     to: decimal(m.param_value),
-                    unit: parameter.unit,
+                    unit: &parameter.unit,
                 });
             }
         }

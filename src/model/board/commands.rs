@@ -34,7 +34,7 @@ impl Board {
         out: &mut Vec<u8>,
         requests: &mut BoardRequests,
     ) {
-        if bytes.is_empty() {
+        if bytes.is_empty() || self.receive_packets(t_us, bytes) {
             return;
         }
         // The splitter lends its buffer to the frame, and the answers need the rest of the board.

@@ -20,6 +20,8 @@ pub enum Firmware {
     Px4,
     /// ArduPilot's copter, obeying in GUIDED_NOGPS.
     Ardupilot,
+    /// A Crazyflie with a Loco deck, over CRTP.
+    Crazyflie,
 }
 
 /// Manners that a board of either real firmware can have. Off by default.

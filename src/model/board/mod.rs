@@ -3,6 +3,8 @@
 
 mod ardupilot;
 mod commands;
+pub mod crazyflie;
+mod deck;
 mod firmware;
 mod last_second;
 mod lies;
@@ -31,8 +33,8 @@ use crate::waiting::Waiting;
 use crate::wings::ActuatorCommand;
 use haltere_core::checks::Problems;
 
+use crazyflie::{Crazyflie, CrazyflieSettings};
 use last_second::LastSecond;
-
 use parameters::Parameters;
 use persona::Persona;
 
@@ -42,6 +44,8 @@ use persona::Persona;
 pub struct BoardSettings {
     /// What it plays.
     pub firmware: Firmware,
+    /// Where it plays a Crazyflie, what is its own.
+    pub crazyflie: CrazyflieSettings,
     /// Unkind manners; they are of the real firmwares, except the speed of the line.
     pub manners: Manners,
     /// Parameters that are not the firmware's.
@@ -82,6 +86,7 @@ impl Default for BoardSettings {
     fn default() -> Self {
         Self {
             firmware: Firmware::Generic,
+            crazyflie: CrazyflieSettings::default(),
             manners: Manners::default(),
             parameters: Overrides::new(),
             system_id: 1,
@@ -124,6 +129,7 @@ impl BoardSettings {
         range("arming_delay_s", self.arming_delay_s, 0.0, 120.0, "s");
         range("arming_supply_v", self.arming_supply_v, 0.0, 30.0, "V");
         self.magnetometer.check(&format!("{key}.magnetometer"), problems);
+        self.crazyflie.check(&format!("{key}.crazyflie"), problems);
         self.manners.check(&format!("{key}.manners"), problems);
         Parameters::check(&self.parameters, &format!("{key}.parameters"), problems);
     }
@@ -163,6 +169,8 @@ pub struct Board {
     /// Plant time of its last reboot, µs.
     rebooted_us: Option<u64>,
     persona: Persona,
+    /// Its whole wire, where it plays one.
+    crazyflie: Option<Box<Crazyflie>>,
     parameters: Parameters,
     /// What it has to say at the next opportunity.
     says: Vec<MavMessage>,
@@ -183,6 +191,7 @@ impl Board {
         }
         let mut board = Self {
             persona: Persona::new(&settings, &parameters),
+            crazyflie: None,
             parameters,
             says: Vec::new(),
             told: Setpoint { q: UnitQuaternion::identity(), thrust_frac: 0.0 },
@@ -225,6 +234,9 @@ impl Board {
 
     /// Cuts the motors: the airframe is broken.
     pub fn crash(&mut self) {
+        if let Some(crazyflie) = &mut self.crazyflie {
+            crazyflie.crash();
+        }
         self.disarm();
     }
 
@@ -255,6 +267,10 @@ impl Board {
     /// Restarts at plant time `t_us`: disarmed, clock at zero, nothing streams.
     pub fn reboot(&mut self, t_us: u64) {
         self.disarm();
+        let now_us = self.time_us(t_us);
+        if let Some(crazyflie) = &mut self.crazyflie {
+            return crazyflie.restart(now_us);
+        }
         self.streams = streams::Streams::default();
         self.splitter = MavSplitter::new();
         self.sequence = 0;
@@ -278,6 +294,8 @@ impl Board {
     pub fn control(&mut self, s: &State, bank: &mut Bank) -> ActuatorCommand {
         self.believed = self.north * s.q_EB * self.lean;
         let target = match self.persona {
+            // What it asked for when it last looked.
+            Persona::Generic if self.crazyflie.is_some() => self.setpoint,
             Persona::Generic => self.target(),
             _ => self.real_target(s),
         };

@@ -37,7 +37,7 @@ const PX4: &[Default] = &[
 
 fn defaults(firmware: Firmware) -> &'static [Default] {
     match firmware {
-        Firmware::Generic => &[],
+        Firmware::Generic | Firmware::Crazyflie => &[],
         Firmware::Ardupilot => ARDUPILOT,
         Firmware::Px4 => PX4,
     }

@@ -38,7 +38,8 @@ pub(super) enum Persona {
 impl Persona {
     pub fn new(settings: &BoardSettings, parameters: &Parameters) -> Self {
         match settings.firmware {
-            Firmware::Generic => Persona::Generic,
+            // A Crazyflie has no MAVLink to be somebody in.
+            Firmware::Generic | Firmware::Crazyflie => Persona::Generic,
             Firmware::Px4 => Persona::Px4(Px4::new(parameters)),
             Firmware::Ardupilot => Persona::ArduPilot(ArduPilot::new()),
         }

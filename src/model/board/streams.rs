@@ -115,6 +115,9 @@ impl Streams {
 impl Board {
     /// Appends what is due in this step to `out`. `imu_step`: the IMU was read in it.
     pub fn send(&mut self, r: &Readings<'_>, imu_step: bool, out: &mut Vec<u8>) {
+        if self.send_packets(r, out) {
+            return;
+        }
         if self.streams.heartbeat_in == 0 {
             self.streams.heartbeat_in = HEARTBEAT_STEPS;
             let beat = self.heartbeat(r.t_us);

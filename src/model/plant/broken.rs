@@ -2,7 +2,7 @@
 
 use super::Plant;
 use super::second_board::SecondBoard;
-use crate::faults::{Fault, FaultKind, LineId, Misreading, Sensor, SensorFault};
+use crate::faults::{CrazyflieFault, Fault, FaultKind, LineId, Misreading, Sensor, SensorFault};
 use crate::gust::Gust;
 use crate::tag::MOST_REPLAY_S;
 use haltere_core::checks::Problems;
@@ -73,6 +73,9 @@ impl Plant {
                 }
             }
             Fault::BoardLink(kind) => self.broken.board_link = (kind, t_s),
+            Fault::TagSilent(silent) if self.board.has_deck() => {
+                self.board.inject(self.t_us(), &CrazyflieFault::ChipDead(silent));
+            }
             Fault::TagSilent(silent) => self.port.silent = silent,
             Fault::AnchorSilent { anchor, silent } => {
                 match self.ids.iter().position(|id| *id == anchor) {
@@ -117,6 +120,14 @@ impl Plant {
                 if problems.is_empty() {
                     self.port.replay(replay);
                 }
+            }
+            Fault::Crazyflie(fault) => {
+                if !self.board.inject(self.t_us(), &fault) {
+                    problems.say("fault: the board is no Crazyflie");
+                }
+            }
+            Fault::SecondBoard(Some(_)) if self.board.has_deck() => {
+                problems.say("fault: a second board speaks MAVLink, this one is a Crazyflie");
             }
             Fault::GearLeg(broken) => self.broken.gear_leg = broken,
             Fault::FalseBeats(beats) => self.board.lie_disarmed(beats),

@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use haltere_core::keys::NoNumber;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -34,6 +35,8 @@ pub enum Address {
         baud: u32,
     },
 }
+
+impl NoNumber for Address {}
 
 /// Host name or number, and port.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,11 +1,14 @@
-//! The sample configuration as data: every key with its default and what is said about it. From it are
-//! made the page `docs/CONFIGURATION.md` and the files of `haltere init`. Tests hold the sample to the
-//! types: it shows every key, with its default.
+//! The configuration as pages: every key with its default and what its row says. From it are made `config/haltere.toml`,
+//! `docs/CONFIGURATION.md` and the files of `haltere init`.
 
 use std::fmt::Write as _;
 
-/// `config/haltere.toml`.
-pub const SAMPLE: &str = include_str!("../../../config/haltere.toml");
+use toml::{Table, Value};
+
+use super::Config;
+use haltere_core::checks::schema::Schema;
+use haltere_core::checks::shown;
+use haltere_core::keys::{Key, Kind, Row, Section};
 
 /// One key.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -24,37 +27,73 @@ pub struct DocumentedKey {
 
 /// Every key, in the order of the sample.
 pub fn reference() -> Vec<DocumentedKey> {
-    let mut keys = Vec::new();
-    let (mut section, mut text) = (String::new(), String::new());
-    for line in SAMPLE.lines() {
-        let bare = line.strip_prefix("# ");
-        let assigned = bare.unwrap_or(line).split_once(" = ").filter(|(name, _)| is_name(name));
-        if let Some(name) = line.strip_prefix('[').and_then(|l| l.strip_suffix(']')) {
-            section = name.to_owned();
-            text.clear();
-        } else if let Some((name, value)) = assigned {
-            keys.push(DocumentedKey {
-                section: section.clone(),
-                name: name.to_owned(),
-                value: value.to_owned(),
-                absent: bare.is_some(),
-                text: std::mem::take(&mut text),
-            });
-        } else if let Some(words) = bare {
-            if !text.is_empty() {
-                text.push(' ');
-            }
-            text.push_str(words);
-        } else {
-            text.clear();
-        }
-    }
+    let mut keys = vec![DocumentedKey {
+        section: String::new(),
+        name: Schema::KEY.to_owned(),
+        value: Schema::CONFIGURATION.newest().to_string(),
+        absent: true,
+        text: "Version of this kind of file, in the file alone and above every section. A program that knows only \
+               older ones refuses the file in words instead of half reading it. 1: the present one."
+            .to_owned(),
+    }];
+    let defaults = Table::try_from(Config::default()).unwrap_or_default();
+    Config::rows("", &mut |section, row| {
+        let Row::Key(key) = row else { return };
+        let mut parts = section.split('.');
+        let table = parts.try_fold(&defaults, |table, part| table.get(part)?.as_table());
+        let default = table.and_then(|table| table.get(key.name)).map(Value::to_string);
+        keys.push(DocumentedKey {
+            section: section.to_owned(),
+            name: key.name.to_owned(),
+            absent: default.is_none(),
+            value: default.unwrap_or_else(|| key.example.to_owned()),
+            text: text_of(key),
+        });
+    });
     keys
 }
 
-/// Names of keys, and of quantities in frames: `p_BT_B_m`.
-fn is_name(text: &str) -> bool {
-    !text.is_empty() && text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+/// What the row says, and what is allowed.
+fn text_of(key: &Key) -> String {
+    let lines = key.text.iter().map(|line| line.trim()).filter(|line| !line.is_empty());
+    let mut text = lines.collect::<Vec<_>>().join(" ");
+    let low = key.range.map_or(f64::MIN, |range| range.low);
+    match ((key.kind)(), key.range.filter(|range| range.checked)) {
+        (Kind::Choice([.., (1, "on")]), _) => {}
+        (Kind::Choice(all), _) => {
+            let named = all.iter().filter(|(n, _)| f64::from(*n) >= low.max(0.0));
+            let names: Vec<_> =
+                named.map(|(_, s)| format!("\"{}\"", s.replace(' ', "_"))).collect();
+            let _ = write!(text, " One of {}.", names.join(", "));
+        }
+        (_, Some(range)) => {
+            let [low, high] = [range.low, range.high].map(shown);
+            let _ = write!(text, " {low} to {high} {}", range.unit);
+            text.truncate(text.trim_end().len());
+            text.push('.');
+        }
+        (_, None) => {}
+    }
+    text
+}
+
+/// Width of a line of comment, characters.
+const WIDTH: usize = 98;
+
+/// A text as lines of comment.
+pub fn commented(text: &str) -> String {
+    let mut out = String::new();
+    let mut line = String::from("#");
+    for word in text.split_whitespace() {
+        if line.chars().count() + 1 + word.chars().count() > WIDTH && line.len() > 1 {
+            out += &line;
+            out.push('\n');
+            line = String::from("#");
+        }
+        line.push(' ');
+        line += word;
+    }
+    out + &line + "\n"
 }
 
 /// The page `docs/CONFIGURATION.md`.
@@ -62,7 +101,7 @@ pub fn configuration_page() -> String {
     let keys = reference();
     let mut page = format!(
         "# Configuration\n\n\
-         Generated from `config/haltere.toml`, which tests hold to the program; do not edit. {} keys.\n\n\
+         Generated from the rows of the keys; do not edit. {} keys.\n\n\
          Layers, later ones win: defaults; files named by `--config` in their order, or `haltere.toml` \
          in the working directory; environment variables `HALTERE_SECTION__KEY`, with two underscores \
          between sections too, such as `HALTERE_CONTROL__LIMITS__TILT_DEG=25`; `--set \
@@ -97,27 +136,53 @@ pub fn configuration_page() -> String {
 mod tests {
     use super::*;
 
-    #[test]
-    fn golden_configuration_page_is_the_sample() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/CONFIGURATION.md");
-        if std::env::var_os("HALTERE_REWRITE_GOLDENS").is_some() {
-            std::fs::write(path, configuration_page()).expect("docs/ can be written");
+    /// The sample `config/haltere.toml`.
+    fn sample() -> String {
+        let mut page = "# Configuration of the companion: every key with its default. Leave out what you do not change.\n\
+             #\n\
+             # Any key can also be set by an environment variable, HALTERE_SECTION__KEY=value, or on the command\n\
+             # line, --set section.key=value; the command line wins. Unknown keys are refused.\n\n"
+            .to_owned();
+        let mut section = String::new();
+        for key in reference() {
+            if section != key.section {
+                let _ = write!(page, "\n[{}]\n", key.section);
+                section = key.section;
+            }
+            let off = if key.absent { "# " } else { "" };
+            // Writing to a String cannot fail.
+            let _ = writeln!(page, "{}{off}{} = {}", commented(&key.text), key.name, key.value);
         }
-        assert!(
-            std::fs::read_to_string(path).unwrap_or_default() == configuration_page(),
-            "docs/CONFIGURATION.md is old: HALTERE_REWRITE_GOLDENS=1 cargo test --workspace --lib page_is"
-        );
+        page
     }
 
     #[test]
-    fn prop_every_key_is_told_with_words() {
-        let keys = reference();
-        let set = SAMPLE.lines().filter(|l| !l.starts_with('#') && l.contains(" = ")).count();
-        assert_eq!(keys.iter().filter(|k| !k.absent).count(), set);
-        assert!(keys.iter().any(|k| k.name == "height_m" && k.absent));
-        for key in &keys {
-            let above = key.name == haltere_core::checks::schema::Schema::KEY;
-            assert!(!key.text.is_empty() && key.section.is_empty() == above, "{key:?}");
+    fn golden_configuration_page_is_what_the_rows_say() {
+        for (name, page) in
+            [("docs/CONFIGURATION.md", configuration_page()), ("config/haltere.toml", sample())]
+        {
+            let path = format!("{}/../../{name}", env!("CARGO_MANIFEST_DIR"));
+            if std::env::var_os("HALTERE_REWRITE_GOLDENS").is_some() {
+                std::fs::write(&path, &page).expect("it can be written");
+            }
+            assert!(
+                std::fs::read_to_string(path).unwrap_or_default() == page,
+                "{name} is old: HALTERE_REWRITE_GOLDENS=1 cargo test --workspace --lib page_is"
+            );
         }
+    }
+
+    /// Keys whose default is that they are absent stand in the sample as comments: those must be valid too.
+    #[test]
+    fn prop_examples_are_valid() {
+        let keys = reference();
+        for key in keys.iter().filter(|key| key.absent && !key.section.is_empty()) {
+            let text = format!("[{}]\n{} = {}\n", key.section, key.name, key.value);
+            let config = Config::from_toml("sample", &text).expect("it is read");
+            let mut problems = haltere_core::checks::Problems::new();
+            config.check_to_fly(&mut problems);
+            assert!(problems.is_empty(), "{text}: {problems}");
+        }
+        assert!(keys.iter().all(|key| !key.text.is_empty()));
     }
 }

@@ -11,6 +11,7 @@ use crate::stations::endpoint::{
 use crate::stations::guard::{RateLimit, Signing};
 use crate::stations::permits::Commanders;
 use haltere_core::checks::Problems;
+use haltere_core::keys::NoNumber;
 
 /// Most ground endpoints: far more than a flight needs, few enough to serve each at full rate.
 const MOST_ENDPOINTS: usize = 8;
@@ -18,58 +19,52 @@ const MOST_ENDPOINTS: usize = 8;
 /// many average frames.
 const MOST_FRAMES_PER_S: f64 = 2000.0;
 const MOST_BYTES_PER_S: f64 = 262_144.0;
-/// Systems that a vehicle may be: as PX4 has it, since 251 to 255 are stations.
-const SYSTEM_IDS: std::ops::RangeInclusive<f64> = 1.0..=250.0;
 /// Bits that a serial line sends for a byte.
 const BITS_PER_BYTE: f64 = 10.0;
 
-/// `[ground]`: ground stations.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct GroundConfig {
-    /// Where they are.
-    pub endpoints: Vec<EndpointConfig>,
-    /// System that we are: two vehicles of one station differ in it.
-    pub system_id: u8,
-    /// Which autopilot clients take us for, where an endpoint does not say otherwise.
-    pub identity: Identity,
-    /// `MAV_TYPE`, where an endpoint does not say otherwise.
-    pub vehicle_type: u8,
-    /// What is claimed of a satellite receiver, where an endpoint does not say otherwise.
-    pub gps: GpsClaim,
-    /// What becomes of frames that are not for us.
-    pub routing: Routing,
-    /// What is demanded of signatures, where an endpoint does not say otherwise.
-    pub signing: Signing,
-    /// Systems that may command, where an endpoint does not say otherwise.
-    pub commanders: Commanders,
-    /// Frames that one station may send in a second.
-    pub most_frames_per_s: f64,
-    /// Bytes that one station may send in a second.
-    pub most_bytes_per_s: f64,
-    /// Where the room lies on Earth.
-    pub origin: OriginConfig,
+haltere_core::keys! {
+    /// `[ground]`: ground stations.
+    pub struct GroundConfig {
+        /// Ground stations, up to 8 addresses of the forms above. An empty list is allowed. Up to 8 stations share a
+        /// udpin or tcpin endpoint. In place of an address a table may stand, with what differs from the keys below, as
+        /// in { address = "udpin:0.0.0.0:14551", identity = "px4", vehicle_type = 2, gps = "origin" }. Its key
+        /// bytes_per_s, 200 to 1e8, bounds what is sent; serial lines have theirs by their speed.
+        // INTERFACES: UDP to this port by default.
+        endpoints: Vec<EndpointConfig> = vec![usual_address().into()];
+        /// System that the vehicle is. Two vehicles that share a station need two; parameter MAV_SYS_ID.
+        // As PX4 has it, since 251 to 255 are stations.
+        system_id: u8 = 1, [1.0..=250.0];
+        /// Which autopilot stations take us for: "generic", or "px4", which QGroundControl and mavros need.
+        /// docs/STATIONS.md says what each program gets with either.
+        identity: Identity = Endpoint::default().identity;
+        /// MAV_TYPE of the vehicle: 16 flapping wing; 2 quadrotor gives QGroundControl its take-off button.
+        vehicle_type: u8 = Endpoint::default().vehicle_type;
+        /// What is claimed of a satellite receiver: "none", "origin" (positions on Earth by the origin below), or
+        /// "origin+gps" (also a receiver that does not exist, for scripts that wait for its fix).
+        gps: GpsClaim = Endpoint::default().gps;
+        /// Frames for others: "off", "stations" (passed on between stations), "board" (also to and from the board,
+        /// whose system id must then be another one).
+        routing: Routing = Routing::default();
+        /// Signatures of MAVLink 2: "off" (neither checked nor made), "accept" (made; unsigned frames come in, wrongly
+        /// signed ones do not), "require" (made; only signed ones come in). In an endpoint's table it may differ; a
+        /// table's trusted = true marks a cable over which SETUP_SIGNING is taken unsigned. docs/SECURITY.md.
+        signing: Signing = Signing::default();
+        /// System ids that may command: arming, modes, setpoints, missions, parameters, files. "all", or a list, as in
+        /// [255]; others may look. In an endpoint's table it may differ.
+        commanders: Commanders = Endpoint::default().commanders;
+        /// Frames that one station may send in a second. More is thrown away and counted.
+        most_frames_per_s: f64 = MOST_FRAMES_PER_S, [20.0..=1e6, "frames/s"];
+        /// Bytes that one station may send in a second.
+        most_bytes_per_s: f64 = MOST_BYTES_PER_S, [1000.0..=1e9, "bytes/s"];
+    } sections {
+        /// Where the room lies on Earth.
+        origin: OriginConfig;
+    } rules endpoints;
 }
 
-impl Default for GroundConfig {
-    fn default() -> Self {
-        // INTERFACES: UDP to this port by default.
-        let address = Address::UdpOut(HostPort { host: "127.0.0.1".into(), port: 14_550 });
-        let endpoint = Endpoint::default();
-        Self {
-            endpoints: vec![address.into()],
-            system_id: 1,
-            identity: endpoint.identity,
-            vehicle_type: endpoint.vehicle_type,
-            gps: endpoint.gps,
-            routing: Routing::default(),
-            signing: Signing::default(),
-            commanders: endpoint.commanders,
-            most_frames_per_s: MOST_FRAMES_PER_S,
-            most_bytes_per_s: MOST_BYTES_PER_S,
-            origin: OriginConfig::default(),
-        }
-    }
+/// UDP to this port by default (INTERFACES).
+fn usual_address() -> Address {
+    Address::UdpOut(HostPort { host: "127.0.0.1".into(), port: 14_550 })
 }
 
 /// One endpoint: an address, or a table with an address and what differs from `[ground]`.
@@ -220,6 +215,8 @@ impl<'de> Deserialize<'de> for EndpointConfig {
     }
 }
 
+impl NoNumber for EndpointConfig {}
+
 impl GroundConfig {
     /// What the core is told about each endpoint, in their order.
     pub fn for_pilot(&self) -> Vec<Endpoint> {
@@ -253,7 +250,7 @@ impl GroundConfig {
         RateLimit { frames_per_s: self.most_frames_per_s, bytes_per_s: self.most_bytes_per_s }
     }
 
-    pub(super) fn check(&self, key: &str, problems: &mut Problems) {
+    fn endpoints(&self, key: &str, problems: &mut Problems) {
         if self.endpoints.len() > MOST_ENDPOINTS {
             problems.say(format!(
                 "{key}.endpoints: {} entries, allowed 0 to {MOST_ENDPOINTS}; let several stations \
@@ -261,19 +258,6 @@ impl GroundConfig {
                 self.endpoints.len()
             ));
         }
-        problems.range(format_args!("{key}.system_id"), f64::from(self.system_id), SYSTEM_IDS, "");
-        problems.range(
-            format_args!("{key}.most_frames_per_s"),
-            self.most_frames_per_s,
-            20.0..=1e6,
-            "frames/s",
-        );
-        problems.range(
-            format_args!("{key}.most_bytes_per_s"),
-            self.most_bytes_per_s,
-            1000.0..=1e9,
-            "bytes/s",
-        );
         let mut mav_type = |key: String, number: u8| {
             if !Endpoint::knows_type(number) {
                 problems.say(format!(
@@ -305,7 +289,6 @@ impl GroundConfig {
                  and tcpin endpoint takes {MOST_STATIONS}"
             ));
         }
-        self.origin.check(&format!("{key}.origin"), problems);
     }
 }
 

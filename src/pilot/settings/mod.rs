@@ -1,5 +1,5 @@
 //! Configuration of the companion: what may be written, and what is wrong with it. Where it comes from is a matter of
-//! `sources`. `config/haltere.toml` documents every key.
+//! `sources`. Every key has a row in its section.
 
 mod address;
 mod anchors;
@@ -14,12 +14,10 @@ mod signing;
 mod tests;
 mod watch;
 
-use serde::{Deserialize, Serialize};
-
 pub use address::{Address, AddressError, HostPort};
 pub use anchors::parse_anchors;
 pub use differences::Difference;
-pub use document::{DocumentedKey, configuration_page, reference};
+pub use document::{DocumentedKey, commented, configuration_page, reference};
 pub use ground::{EndpointConfig, GroundConfig};
 pub use note::Note;
 pub use read::{Read, read_config, read_recorded, surplus};
@@ -37,69 +35,51 @@ use haltere_core::control::ControlConfig;
 use haltere_core::estimator::EstimatorConfig;
 use haltere_core::survey::Survey;
 
-/// Everything that can be configured, one field per section.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Config {
-    /// `[tag]`
-    pub tag: TagConfig,
-    /// `[board]`
-    pub board: BoardConfig,
-    /// `[ground]`
-    pub ground: GroundConfig,
-    /// `[signing]`
-    pub signing: SigningConfig,
-    /// `[anchors]`
-    pub anchors: AnchorsConfig,
-    /// `[record]`
-    pub record: RecordConfig,
-    /// `[store]`
-    pub store: StoreConfig,
-    /// `[watch]`
-    pub watch: WatchConfig,
-    /// `[timing]`
-    pub timing: TimingConfig,
-    /// `[flight]`
-    pub flight: FlightConfig,
-    /// `[limits]`
-    pub limits: LimitsConfig,
-    /// `[supervisor]`
-    pub supervisor: SupervisorConfig,
-    /// `[uwb]`
-    pub uwb: UwbConfig,
-    /// `[estimator]`
-    pub estimator: EstimatorConfig,
-    /// `[control]`
-    pub control: ControlConfig,
+haltere_core::keys! {
+    /// Everything that can be configured, one field per section.
+    pub struct Config {} sections {
+        /// The UWB tag.
+        tag: TagConfig;
+        /// The inner-loop board.
+        board: BoardConfig;
+        /// Ground stations, where they are and who we are to them.
+        ground: GroundConfig;
+        /// The key of MAVLink signatures.
+        signing: SigningConfig;
+        /// The survey.
+        anchors: AnchorsConfig;
+        /// Flight logs.
+        record: RecordConfig;
+        /// What is kept over a restart.
+        store: StoreConfig;
+        /// The page that shows the flight live.
+        watch: WatchConfig;
+        /// How hard the companion insists on its deadlines.
+        timing: TimingConfig;
+        /// How the vehicle takes off, moves and lands.
+        flight: FlightConfig;
+        /// The volume that setpoints may not leave, the battery, and silences.
+        limits: LimitsConfig;
+        /// From when on something is wrong, and what is then done where there is a choice: docs/SAFETY.md.
+        supervisor: SupervisorConfig;
+        /// From the bytes of the tag to time differences of arrival.
+        uwb: UwbConfig;
+        /// The filter.
+        estimator: EstimatorConfig;
+        /// The controller.
+        control: ControlConfig;
+    } rules links;
 }
 
 impl Config {
-    /// Adds all values that are out of range to `problems`.
-    pub fn check(&self, problems: &mut Problems) {
-        self.tag.check("tag", problems);
-        self.board.check("board", problems);
-        self.ground.check("ground", problems);
-        self.watch.check("watch", problems);
-        self.record.check("record", problems);
-        self.timing.check("timing", problems);
-        self.flight.check("flight", problems);
-        self.limits.check("limits", problems);
-        self.supervisor.check("supervisor", problems);
-        self.uwb.check("uwb", problems);
-        self.estimator.check("estimator", problems);
-        self.control.check("control", problems);
-        self.check_addresses(problems);
-        self.check_signing(problems);
-    }
-
-    /// The same, and what only a flight to come must keep: a log was flown with what it holds.
+    /// Adds all that is wrong to `problems`, and what only a flight to come must keep: a log was flown with what it holds.
     pub fn check_to_fly(&self, problems: &mut Problems) {
-        self.check(problems);
+        self.check("", problems);
         self.limits.check_pack("limits", &self.control.voltage, problems);
     }
 
-    /// Two links cannot share a port or a device.
-    fn check_addresses(&self, problems: &mut Problems) {
+    /// Two links cannot share a port or a device, and signatures need a key.
+    fn links(&self, _: &str, problems: &mut Problems) {
         let mut taken = vec![("board.address".to_owned(), self.board.address.resource())];
         if let TagPort::Device(path) = &self.tag.port {
             taken.push(("tag.port".to_owned(), path.display().to_string()));
@@ -118,6 +98,7 @@ impl Config {
                 ));
             }
         }
+        self.check_signing(problems);
     }
 
     /// The part that the pilot core is told.

@@ -8,19 +8,21 @@ use super::address::Address;
 use crate::config::{BoardProfile, TagProtocol};
 use crate::stations::guard::Signing;
 use haltere_core::checks::Problems;
+use haltere_core::keys::NoNumber;
 
-/// `[tag]`: the UWB tag.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct TagConfig {
-    /// Device of the tag, or `auto`.
-    pub port: TagPort,
-    /// What the tag speaks.
-    pub protocol: TagProtocol,
-    /// Speed of the line, baud. A sniffer on USB ignores it.
-    pub baud: u32,
-    /// What is demanded of signatures.
-    pub signing: Signing,
+haltere_core::keys! {
+    /// `[tag]`: the UWB tag.
+    pub struct TagConfig {
+        /// Device of the UWB tag, for example "/dev/ttyACM0". "auto" takes the first USB device that says it is a Loco
+        /// Positioning Node (0483:5740).
+        port: TagPort = TagPort::Auto;
+        /// "lps-sniffer": a Loco Positioning Node in sniffer mode. "mavlink": a tag that sends UWB_TDOA.
+        protocol: TagProtocol = TagProtocol::default();
+        /// Speed of the line. A sniffer on USB ignores it.
+        baud: u32 = 921_600, [9_600.0..=12_000_000.0, "baud"];
+        /// Signatures of a tag that speaks MAVLink, as in `[ground]`: "off", "accept" or "require".
+        signing: Signing = Signing::default();
+    } rules port_and_protocol;
 }
 
 /// Device of the tag.
@@ -48,25 +50,8 @@ impl From<TagPort> for String {
     }
 }
 
-impl Default for TagConfig {
-    fn default() -> Self {
-        Self {
-            port: TagPort::Auto,
-            protocol: TagProtocol::default(),
-            baud: 921_600,
-            signing: Signing::default(),
-        }
-    }
-}
-
 impl TagConfig {
-    pub(super) fn check(&self, key: &str, problems: &mut Problems) {
-        problems.range(
-            format_args!("{key}.baud"),
-            f64::from(self.baud),
-            9_600.0..=12_000_000.0,
-            "baud",
-        );
+    fn port_and_protocol(&self, key: &str, problems: &mut Problems) {
         if let TagPort::Device(path) = &self.port {
             if path.as_os_str().is_empty() {
                 problems
@@ -81,117 +66,68 @@ impl TagConfig {
     }
 }
 
-/// `[board]`: the inner-loop board.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct BoardConfig {
-    /// Where it is.
-    pub address: Address,
-    /// What it obeys.
-    pub profile: BoardProfile,
-    /// Whether parameters of the board that are wrong for us may be set.
-    pub set_parameters: bool,
-    /// Angle from room north to the board's north at start, positive clockwise from above.
-    pub north_offset_deg: f64,
-    /// What is demanded of signatures.
-    pub signing: Signing,
-}
-
-impl Default for BoardConfig {
-    fn default() -> Self {
-        Self {
-            address: Address::Serial { device: "/dev/serial0".into(), baud: 921_600 },
-            profile: BoardProfile::default(),
-            set_parameters: false,
-            north_offset_deg: 0.0,
-            signing: Signing::default(),
-        }
+haltere_core::keys! {
+    /// `[board]`: the inner-loop board.
+    pub struct BoardConfig {
+        /// The inner-loop board: serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:HOST:PORT, tcpin:HOST:PORT or
+        /// tcpout:HOST:PORT.
+        address: Address = Address::Serial { device: "/dev/serial0".into(), baud: 921_600 };
+        /// What the board is: "auto" (as its heartbeat says), "px4" (commanded in OFFBOARD), "ardupilot" (in
+        /// GUIDED_NOGPS), "generic" (arms on command, obeys SET_ATTITUDE_TARGET while armed; nothing is checked).
+        /// docs/BOARDS.md says what is checked of each and what you have to set.
+        profile: BoardProfile = BoardProfile::default();
+        /// Whether parameters of the board that forbid arming are set, and read back. false: they are named, with the
+        /// value they need.
+        set_parameters: bool = false;
+        /// Angle from room north (x of the survey turned to NED) to the board's north at start, positive clockwise seen
+        /// from above. It is estimated from then on.
+        north_offset_deg: f64 = 0.0, [-180.0..=180.0, "deg"];
+        /// Signatures, as in `[ground]`: "off", "accept" or "require". The board must hold the same key.
+        signing: Signing = Signing::default();
     }
 }
 
-impl BoardConfig {
-    pub(super) fn check(&self, key: &str, problems: &mut Problems) {
-        problems.range(
-            format_args!("{key}.north_offset_deg"),
-            self.north_offset_deg,
-            -180.0..=180.0,
-            "deg",
-        );
+haltere_core::keys! {
+    /// `[anchors]`: the survey.
+    pub struct AnchorsConfig {
+        /// The anchor survey, relative to this file. anchors.toml beside this sample shows the form.
+        file: PathBuf = "anchors.toml".into();
     }
 }
 
-/// `[anchors]`: the survey.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct AnchorsConfig {
-    /// The anchor file, relative to the configuration file that names it.
-    pub file: PathBuf,
-}
-
-impl Default for AnchorsConfig {
-    fn default() -> Self {
-        Self { file: "anchors.toml".into() }
-    }
-}
-
-/// `[record]`: flight logs.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct RecordConfig {
-    /// Whether flights are recorded.
-    pub enabled: bool,
-    /// Where logs go, relative to the working directory.
-    pub directory: PathBuf,
-    /// Room that is kept for flights while nobody flies, GB.
-    pub reserve_gb: f64,
-    /// What logs may take together, GB, before those that hold neither a flight nor a program are removed. `None`:
-    /// nothing is ever removed.
-    pub budget_gb: Option<f64>,
-    /// A log that is longer, MB, is followed by another one when nobody flies. 0: never.
-    pub rotate_mb: f64,
-}
-
-impl Default for RecordConfig {
-    fn default() -> Self {
-        Self {
-            enabled: true,
-            directory: "logs".into(),
-            reserve_gb: 1.0,
-            budget_gb: None,
-            // Over an hour on the bench; the 4 GB of a FAT32 card leave room for hours of flight behind it.
-            rotate_mb: 1000.0,
-        }
-    }
-}
-
-impl RecordConfig {
-    pub(super) fn check(&self, key: &str, problems: &mut Problems) {
-        let mut range = |name: &str, value| {
-            problems.range(format_args!("{key}.{name}"), value, 0.0..=MOST_GB, "GB");
-        };
-        range("reserve_gb", self.reserve_gb);
-        if let Some(budget_gb) = self.budget_gb {
-            range("budget_gb", budget_gb);
-        }
-        problems.range(format_args!("{key}.rotate_mb"), self.rotate_mb, 0.0..=MOST_GB * 1e3, "MB");
+haltere_core::keys! {
+    /// `[record]`: flight logs.
+    pub struct RecordConfig {
+        /// Whether flights are recorded.
+        enabled: bool = true;
+        /// Where logs go, relative to the working directory. Names are YYYYMMDD-HHMMSS-NN.mcap, in UTC.
+        directory: PathBuf = "logs".into();
+        /// While nobody flies, recording stops when less than this is free there: what is left is kept for flights; of
+        /// a small disk a tenth at most. A flight is recorded down to the last 200 MB.
+        reserve_gb: f64 = 1.0, [0.0..=MOST_GB, "GB"];
+        /// What logs may take together before those go that hold neither a flight nor a mission or
+        /// program that a station sent: the oldest first, closed ones of this recorder only, none younger than a day.
+        /// Left out: nothing is ever removed.
+        budget_gb: Option<f64> = None, [0.0..=MOST_GB, "GB"], {"20.0"};
+        /// A log that is longer than this is closed and followed by another one, with a core that begins anew, when the
+        /// vehicle has stood disarmed for 10 s and no station waits for anything or has set what store.directory does
+        /// not keep: rates of streams, home, a program by its name. A flight is never cut, and a log goes on without a
+        /// store or while the board is silent. 0: never. 1000 MB are over an hour on the bench, and
+        /// leave 3 GB for a flight on FAT32.
+        // Over an hour on the bench; the 4 GB of a FAT32 card leave room for hours of flight behind it.
+        rotate_mb: f64 = 1000.0, [0.0..=MOST_GB * 1e3, "MB"];
     }
 }
 
 /// Larger disks than any companion has.
 const MOST_GB: f64 = 100_000.0;
 
-/// `[store]`: what is kept over a restart.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct StoreConfig {
-    /// Folder of parameters, mission, fence, rally points and mission files, relative to the working
-    /// directory. Empty: nothing is kept.
-    pub directory: PathBuf,
-}
-
-impl Default for StoreConfig {
-    fn default() -> Self {
-        Self { directory: "state".into() }
+haltere_core::keys! {
+    /// `[store]`: what is kept over a restart.
+    pub struct StoreConfig {
+        /// Where parameters, missions, fences and rally points that a ground station sets are kept, relative to the
+        /// working directory. Mission files for stations lie in its folder "missions". "": nothing is kept.
+        directory: PathBuf = "state".into();
     }
 }
 
@@ -202,27 +138,18 @@ impl StoreConfig {
     }
 }
 
-/// `[timing]`: how hard the companion insists on its deadlines.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct TimingConfig {
-    /// Run the pilot's thread under SCHED_FIFO where the system permits it.
-    pub realtime: bool,
-    /// Its priority there.
-    pub priority: u8,
-    /// Keep all memory resident where the system permits it.
-    pub lock_memory: bool,
-}
-
-impl Default for TimingConfig {
-    fn default() -> Self {
-        Self { realtime: true, priority: 50, lock_memory: true }
-    }
-}
-
-impl TimingConfig {
-    pub(super) fn check(&self, key: &str, problems: &mut Problems) {
+haltere_core::keys! {
+    /// `[timing]`: how hard the companion insists on its deadlines.
+    pub struct TimingConfig {
+        /// Run the pilot's thread under SCHED_FIFO where the system permits it (CAP_SYS_NICE, or rtprio in
+        /// limits.conf). Without it a loaded computer is late by up to 35 ms.
+        realtime: bool = true;
+        /// Its priority there.
         // 99 belongs to the kernel's own watchdogs.
-        problems.range(format_args!("{key}.priority"), f64::from(self.priority), 1.0..=98.0, "");
+        priority: u8 = 50, [1.0..=98.0];
+        /// Keep all memory resident (mlockall) where the system permits it.
+        lock_memory: bool = true;
     }
 }
+
+impl NoNumber for TagPort {}

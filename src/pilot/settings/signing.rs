@@ -2,34 +2,27 @@
 
 use std::path::PathBuf;
 
-use haltere_dialect::mav_stream;
-use serde::{Deserialize, Serialize};
-
 use super::{Config, TagPort};
 use crate::config::TagProtocol;
 use crate::stations::guard::{DoorConfig, KeySetup, Signing};
 use haltere_core::checks::Problems;
+use haltere_dialect::mav_stream;
 
 /// Component that we are to the board: `MAV_COMP_ID_ONBOARD_COMPUTER`.
 const TO_BOARD: u8 = 191;
 
-/// `[signing]`
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SigningConfig {
-    /// File with the key, relative to the configuration file that names it. Empty: none.
-    pub key_file: PathBuf,
-    /// Who may change the key with `SETUP_SIGNING`.
-    pub setup: KeySetup,
-    /// Names of messages that pass unsigned where signatures are demanded.
-    pub unsigned: Vec<String>,
-}
-
-impl Default for SigningConfig {
-    fn default() -> Self {
+haltere_core::keys! {
+    /// `[signing]`
+    pub struct SigningConfig {
+        /// File with the key, relative to this file: 32 bytes or 64 hexadecimal digits, mode 600. `haltere key FILE`
+        /// makes one. Beside it, as FILE.time, the time is kept behind which signatures never go back. "": no key.
         // The exception that the MAVLink guide names: radios make this message themselves.
-        let unsigned = vec!["RADIO_STATUS".to_owned()];
-        Self { key_file: PathBuf::new(), setup: KeySetup::Signed, unsigned }
+        key_file: PathBuf = PathBuf::new();
+        /// Who may change the key with SETUP_SIGNING: "never" (nobody), "signed" (who signs with the key in force).
+        setup: KeySetup = KeySetup::Signed;
+        /// Messages that come in unsigned where signatures are demanded: radios make this one themselves.
+        // The exception that the MAVLink guide names.
+        unsigned: Vec<String> = vec!["RADIO_STATUS".to_owned()];
     }
 }
 

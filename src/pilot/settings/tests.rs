@@ -7,106 +7,14 @@ const SAMPLE_ANCHORS: &str = include_str!("../../../config/anchors.toml");
 
 #[test]
 fn prop_the_sample_parses_to_the_defaults() {
-    let sample: toml::Table = SAMPLE.parse().unwrap();
-    let defaults = toml::Table::try_from(Config::default()).unwrap();
-    let stale: Vec<_> = keys(&defaults)
-        .iter()
-        .filter(|key| lookup(&sample, key) != lookup(&defaults, key))
-        .map(|key| format!("{key} = {:?}", lookup(&defaults, key)))
-        .collect();
-    assert!(stale.is_empty(), "defaults that config/haltere.toml does not show: {stale:#?}");
     assert!(Config::from_toml("sample", SAMPLE).unwrap() == Config::default());
     parse_anchors("sample", SAMPLE_ANCHORS).unwrap();
-}
-
-#[test]
-fn prop_the_sample_documents_every_key() {
-    // Keys whose default is "absent" stand in the sample as comments: uncomment them.
-    let uncommented: String = SAMPLE
-        .lines()
-        .map(|line| match line.strip_prefix("# ") {
-            Some(rest) if rest.split_once(" = ").is_some_and(|(key, _)| is_key(key)) => rest,
-            _ => line,
-        })
-        .flat_map(|line| [line, "\n"])
-        .collect();
-    Config::from_toml("sample", &uncommented).expect("commented keys exist and have valid values");
-    let shown = keys(&uncommented.parse().unwrap());
-    let defaults = toml::Table::try_from(Config::default()).unwrap();
-    let fields = field_names(&format!("{:?}", Config::default()), &defaults);
-    assert!(fields.iter().filter(|f| !f.contains('.')).count() >= 8, "{fields:?}");
-    let is_section = |f: &str| fields.iter().any(|g| g.starts_with(&format!("{f}.")));
-    let missing: Vec<_> = fields
-        .iter()
-        .filter(|f| f.contains('.') && !is_section(f) && !shown.contains(f))
-        .map(|f| format!("{f} = {:?}", lookup(&defaults, f)))
-        .collect();
-    assert!(missing.is_empty(), "missing in config/haltere.toml: {missing:#?}");
-    let mut previous = "";
-    for line in SAMPLE.lines() {
-        let key = line.trim_start_matches("# ").split_once(" = ").map_or("", |(key, _)| key);
-        assert!(!is_key(key) || previous.starts_with("# "), "{line}: no comment above it");
-        previous = line;
-    }
-}
-
-fn is_key(text: &str) -> bool {
-    !text.is_empty()
-        && text.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_')
-}
-
-fn keys(table: &toml::Table) -> Vec<String> {
-    let mut all = Vec::new();
-    for (name, value) in table {
-        match value {
-            toml::Value::Table(inner) => {
-                all.extend(keys(inner).into_iter().map(|key| format!("{name}.{key}")));
-            }
-            _ => all.push(name.clone()),
-        }
-    }
-    all
 }
 
 fn lookup<'t>(table: &'t toml::Table, key: &str) -> Option<&'t toml::Value> {
     let mut parts = key.split('.');
     let first = table.get(parts.next()?)?;
     parts.try_fold(first, |value, part| value.get(part))
-}
-
-/// Names of the fields of a struct and its sections, out of its `Debug` form: unlike its serial
-/// form that shows fields that are `None`. Only what is a table in the serial form is entered.
-fn field_names(debug: &str, serial: &toml::Table) -> Vec<String> {
-    let mut names = Vec::new();
-    // The section at each depth of brackets; `None` inside of values.
-    let mut sections: Vec<Option<String>> = Vec::new();
-    for piece in debug.split_inclusive(['{', '}', ',', '(', ')', '[', ']']) {
-        let (text, end) = piece.split_at(piece.len() - 1);
-        let mut inner = None;
-        match sections.last() {
-            None => inner = Some(String::new()),
-            Some(Some(section)) => {
-                if let Some((name, _)) = text.split_once(": ")
-                    && is_key(&name.trim().to_lowercase())
-                {
-                    let name = name.trim();
-                    let full =
-                        if section.is_empty() { name.into() } else { format!("{section}.{name}") };
-                    if lookup(serial, &full).is_some_and(toml::Value::is_table) {
-                        inner = Some(full.clone());
-                    }
-                    names.push(full);
-                }
-            }
-            Some(None) => {}
-        }
-        match end {
-            "{" | "(" | "[" => sections.push(inner),
-            "}" | ")" | "]" => drop(sections.pop()),
-            _ => {}
-        }
-    }
-    names
 }
 
 #[test]

@@ -6,26 +6,34 @@ use serde::{Deserialize, Serialize};
 
 use super::address::{Address, AddressError};
 use haltere_core::checks::Problems;
+use haltere_core::keys::NoNumber;
 
 /// Most other sites.
 const MOST_ORIGINS: usize = 8;
 
-/// `[watch]`
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct WatchConfig {
-    /// Where it listens. Off unless named: a flight program listens nowhere that it was not told.
-    pub address: WatchAddress,
-    /// File of the token, relative to the configuration file that names it. Empty: none.
-    pub token_file: PathBuf,
-    /// Sites whose pages may connect besides our own, as browsers write `Origin`.
-    pub origins: Vec<String>,
+haltere_core::keys! {
+    /// `[watch]`
+    pub struct WatchConfig {
+        /// Where a page shows the flight live, and viewers of the Foxglove kind find the same data:
+        /// "tcpin:127.0.0.1:8480" for browsers on this computer, "tcpin:0.0.0.0:8480" for a phone beside the flight
+        /// room, which needs a token. Empty: nowhere. docs/WATCH.md.
+        // Off unless named: a flight program listens nowhere that it was not told.
+        address: WatchAddress = WatchAddress::default();
+        /// File with the token that clients must show: at least 16 letters and digits, readable by the owner alone
+        /// (`head -c 18 /dev/urandom | base64 | tr -d '/+' > FILE; chmod 600 FILE`). Empty: no token, and only this
+        /// computer may look.
+        token_file: PathBuf = PathBuf::new();
+        /// Pages of other sites that may connect besides our own, for example "https://app.foxglove.dev".
+        origins: Vec<String> = Vec::new();
+    } rules addresses;
 }
 
 /// An address `tcpin:HOST:PORT`; where none is named the page listens nowhere.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct WatchAddress(Option<Address>);
+
+impl NoNumber for WatchAddress {}
 
 impl WatchAddress {
     /// The address, if there is one.
@@ -49,7 +57,7 @@ impl From<WatchAddress> for String {
 }
 
 impl WatchConfig {
-    pub(super) fn check(&self, key: &str, problems: &mut Problems) {
+    fn addresses(&self, key: &str, problems: &mut Problems) {
         match self.address.get() {
             None | Some(Address::TcpIn(_)) => {}
             Some(other) => {

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use haltere_core::geo::{Geodetic, LocalOrigin};
+use haltere_core::keys::NoNumber;
 use haltere_dialect::mav::haltere::MavType;
 use haltere_dialect::mav::known;
 
@@ -51,6 +52,10 @@ pub enum Routing {
     Board,
 }
 
+impl NoNumber for Identity {}
+impl NoNumber for GpsClaim {}
+impl NoNumber for Routing {}
+
 /// One ground endpoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Endpoint {
@@ -91,27 +96,21 @@ impl Endpoint {
     }
 }
 
-/// Where the room lies on Earth.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct OriginConfig {
-    /// Latitude of the survey's origin, degrees north.
-    pub latitude_deg: f64,
-    /// Longitude, degrees east.
-    pub longitude_deg: f64,
-    /// Altitude of the floor above sea level, m. Zero makes heights above sea level, home and floor
-    /// one number (GROUND.md).
-    pub altitude_m: f64,
-    /// Angle from true north to room north, degrees, positive clockwise seen from above.
-    pub north_deg: f64,
-}
-
-impl Default for OriginConfig {
-    fn default() -> Self {
-        // A stand-in, so that a fresh installation is somewhere on a map: open sea, which nobody takes for
-        // the true place. So near to zero the float32 degrees of older messages (DroneKit, COMMAND_LONG)
-        // resolve 1 cm; at 52 degrees it is 42 cm. People are told at the start that it is a stand-in.
-        Self { latitude_deg: 0.5, longitude_deg: 0.5, altitude_m: 0.0, north_deg: 0.0 }
+haltere_core::keys! {
+    /// Where the room lies on Earth.
+    #[derive(Copy)]
+    pub struct OriginConfig {
+        /// Where the survey's origin lies on Earth: latitude. The default is a stand-in on open sea.
+        // Nobody takes it for the true place. So near to zero the float32 degrees of older messages (DroneKit,
+        // COMMAND_LONG) resolve 1 cm; at 52 degrees it is 42 cm. People are told at the start that it is a stand-in.
+        // East and west have no length at the poles.
+        latitude_deg: f64 = 0.5, [-89.0..=89.0, "deg"];
+        /// Longitude.
+        longitude_deg: f64 = 0.5, [-180.0..=180.0, "deg"];
+        /// Altitude of the floor above sea level. Zero makes heights above sea level, home and floor one number.
+        altitude_m: f64 = 0.0, [-500.0..=9000.0, "m"];
+        /// Angle from true north to room north, positive clockwise seen from above.
+        north_deg: f64 = 0.0, [-180.0..=180.0, "deg"];
     }
 }
 
@@ -123,19 +122,5 @@ impl OriginConfig {
             LocalOrigin::new(place, c.north_deg.to_radians())
         };
         at(self).or_else(|| at(&Self::default())).unwrap_or_else(LocalOrigin::zero)
-    }
-
-    /// Adds what is out of range to `problems`; `key` is the name of the section.
-    pub fn check(&self, key: &str, problems: &mut haltere_core::checks::Problems) {
-        // East and west have no length at the poles.
-        problems.range(format_args!("{key}.latitude_deg"), self.latitude_deg, -89.0..=89.0, "deg");
-        problems.range(
-            format_args!("{key}.longitude_deg"),
-            self.longitude_deg,
-            -180.0..=180.0,
-            "deg",
-        );
-        problems.range(format_args!("{key}.altitude_m"), self.altitude_m, -500.0..=9000.0, "m");
-        problems.range(format_args!("{key}.north_deg"), self.north_deg, -180.0..=180.0, "deg");
     }
 }

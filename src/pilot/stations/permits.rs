@@ -12,6 +12,7 @@ use serde::de::{Error as _, SeqAccess, Visitor};
 use serde::ser::SerializeSeq as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+use haltere_core::keys::NoNumber;
 use haltere_core::time::HostTime;
 
 use super::Stations;
@@ -25,6 +26,8 @@ const TELL_AGAIN_S: f64 = 10.0;
 /// Systems that may command: a set of MAVLink system ids.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Commanders([u64; 4]);
+
+impl NoNumber for Commanders {}
 
 impl Default for Commanders {
     /// Everybody.

@@ -11,7 +11,7 @@ use haltere_gap::commission::budget::Budget;
 pub fn render(budget: &Budget, logs: &[String]) -> String {
     let mut html = html::open("Gap budget", super::OWN_STYLE);
     let tone = if budget.exit_code() == 0 { "good" } else { "bad" };
-    let badge = budget.outcome.replace('_', " ");
+    let badge = budget.outcome.key().replace('_', " ");
     let subtitle = format!("{} against the vehicle file", logs.join(", "));
     html += &html::header(Some((tone, &badge)), "Gap budget", &subtitle);
     let _ = write!(html, "<p>{}</p>", escape(&budget.words()));

@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 
 use crate::report::svg::escape;
 use haltere_gap::flight::cells::{Part, REGIMES, WINDOWS};
-use haltere_gap::matrix::{Matrix, Square};
+use haltere_gap::picture::matrix::{Matrix, Square};
 
 /// Width and height of a cell, of the row labels, of the column labels, pixels.
 const CELL_PX: [f64; 2] = [35.0, 24.0];

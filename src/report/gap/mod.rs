@@ -12,6 +12,7 @@ use crate::report::html::{self, Cell};
 use crate::report::svg::{Limit, Mark, Plot, Series, Tone, escape};
 use haltere_gap::attribute::{Candidate, Settings};
 use haltere_gap::diagnosis::{Diagnosis, Part, ShrinkResult};
+use haltere_gap::outcome::Ending;
 use haltere_model::effects::Block;
 
 /// Flights per effect from which a bank is not called small: half the default.
@@ -37,11 +38,11 @@ pub fn render(d: &Diagnosis) -> String {
     let flight = d.flight.filter(|flight| flight.of > 1);
     let flight = flight.map_or(String::new(), |flight| format!(", {flight},"));
     let tone = match d.outcome {
-        "no_gap" => "good",
-        "log_fault" | "not_testable" => "none",
+        Ending::NoGap => "good",
+        Ending::Fault | Ending::NotTestable => "none",
         _ => "bad",
     };
-    let badge = d.outcome.replace('_', " ");
+    let badge = d.outcome.key().replace('_', " ");
     let subtitle = format!("{}{flight} against {against}; replay: {}", d.log, d.replay);
     html += matrix::HATCH;
     html += &html::header(Some((tone, &badge)), "Gap report", &subtitle);
@@ -154,7 +155,10 @@ fn summary(html: &mut String, d: &Diagnosis) {
     row("Where", escape(&whereabouts(d)));
     row(
         "Since",
-        d.picture.as_ref().filter(|_| gap(d)).map_or(String::new(), |p| escape(&p.onset.words())),
+        d.picture
+            .as_ref()
+            .filter(|_| d.outcome.is_gap())
+            .map_or(String::new(), |p| escape(&p.onset.words())),
     );
     row("Shrink", if d.effects.is_empty() { String::new() } else { closed(d.shrink.as_ref()) });
     row("Not ruled out", next::open(d));
@@ -176,14 +180,9 @@ fn summary(html: &mut String, d: &Diagnosis) {
     html.push_str("</table>");
 }
 
-/// Whether there is a gap to talk about.
-fn gap(d: &Diagnosis) -> bool {
-    !matches!(d.outcome, "no_gap" | "not_testable" | "log_fault")
-}
-
 /// Parameters of what is named, in a line.
 fn sizes(d: &Diagnosis) -> String {
-    if !matches!(d.outcome, "named" | "named_with_remainder" | "several") {
+    if !d.outcome.acts() {
         return String::new();
     }
     let all: Vec<String> = d
@@ -204,7 +203,7 @@ fn named(id: &str) -> String {
 }
 
 fn whereabouts(d: &Diagnosis) -> String {
-    let Some(first) = d.places.first().filter(|_| gap(d)) else { return String::new() };
+    let Some(first) = d.places.first().filter(|_| d.outcome.is_gap()) else { return String::new() };
     let mut text = format!("{}, {:.0} sigma", first.block, first.score);
     if let Some(anchor) = first.anchor {
         let _ = write!(text, ", anchor {anchor}");

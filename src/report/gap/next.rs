@@ -4,9 +4,10 @@ use std::fmt::Write as _;
 
 use crate::report::html::{self, Cell};
 use crate::report::svg::escape;
+use haltere_gap::advice::experiments::telling_apart;
 use haltere_gap::bank::library::find;
 use haltere_gap::diagnosis::{Diagnosis, Effect};
-use haltere_gap::experiments::telling_apart;
+use haltere_gap::outcome::Ending;
 
 use super::named;
 
@@ -29,7 +30,7 @@ pub(super) fn open(d: &Diagnosis) -> String {
 /// What to do about what is named, cheapest first: of a set the test that tells it apart, before anything is replaced.
 pub(super) fn remedy(d: &Diagnosis) -> String {
     let mut steps = Vec::new();
-    if d.effects.len() > 1 && d.outcome == "ambiguous" {
+    if d.effects.len() > 1 && d.outcome == Ending::OneOf {
         let cheapest = telling_apart(&d.set).into_iter().next();
         steps.extend(cheapest.map(|e| {
             let minutes = (e.whole_cost_s() / 60.0).ceil();
@@ -47,8 +48,7 @@ pub(super) fn remedy(d: &Diagnosis) -> String {
 
 /// Effects whose repair is told.
 fn repaired(d: &Diagnosis) -> impl Iterator<Item = &Effect> {
-    let named = matches!(d.outcome, "named" | "several" | "named_with_remainder" | "ambiguous");
-    d.effects.iter().filter(move |_| named).take(REPAIRS)
+    d.effects.iter().filter(|_| d.outcome.is_explained()).take(REPAIRS)
 }
 
 /// The first advice, in a line.

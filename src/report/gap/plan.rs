@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::report::svg::{Mark, Pin, Plot, Series, Span, Tone, escape};
-use haltere_gap::onset::Onset;
+use haltere_gap::picture::onset::Onset;
 use haltere_gap::picture::{FloorPlan, Node, Picture, Signature, Strip};
 
 /// Longer side of the room, and the border around it, pixels.

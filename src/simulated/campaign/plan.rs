@@ -7,8 +7,6 @@ use anyhow::{Context, Result, bail};
 use haltere_core::checks::Problems;
 use haltere_model::Vehicle;
 use haltere_model::random::Stream;
-use haltere_model::tag::TagProtocol;
-use haltere_pilot::TagProtocol as CompanionProtocol;
 use haltere_pilot::mission_file::MissionFile;
 use haltere_pilot::settings::Config;
 use sha2::{Digest, Sha256};
@@ -254,14 +252,15 @@ fn companion(table: &Table, scenario: &Scenario, vehicle: &Vehicle) -> Result<Co
     config.flight.gear_height_m = vehicle.body.gear_m;
     let north_deg = config.board.north_offset_deg;
     config.board.north_offset_deg = scenario.told.north_offset_deg(north_deg);
-    config.tag.protocol = match scenario.tag.protocol {
-        TagProtocol::Tdoa2 | TagProtocol::Tdoa3 => CompanionProtocol::LpsSniffer,
-        TagProtocol::Mavlink => CompanionProtocol::Mavlink,
-    };
+    let (profile, protocol) = scenario.companion_keys();
+    config.tag.protocol = Value::from(protocol).try_into()?;
+    if let Some(profile) = profile {
+        config.board.profile = Value::from(profile).try_into()?;
+    }
     // Nobody answers for a disk in lockstep.
     config.store.directory = std::path::PathBuf::new();
     let mut problems = Problems::new();
-    config.check(&mut problems);
+    config.check("", &mut problems);
     if !problems.is_empty() {
         bail!("config: {problems}");
     }

@@ -6,7 +6,7 @@ mod words;
 
 pub use order::{Order, Shape, Unit, Way, failure_number};
 pub use told::Told;
-pub use words::{LineName, Part, Phase, SensorName, State, Voice, Wing};
+pub use words::{Event, LineName, Part, Phase, SensorName, State, Voice, Wing};
 
 use std::collections::BTreeMap;
 
@@ -80,7 +80,7 @@ pub struct FaultAt {
     /// Peak of a gust: room north, east, down, m/s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gust_mps: Option<[f64; 3]>,
-    /// How long a gust or a pause lasts, s.
+    /// How long a gust, a pause or a fade lasts, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub length_s: Option<f64>,
     /// Effect that switches on, by its id; `healthy` switches it off.
@@ -122,6 +122,9 @@ pub struct FaultAt {
     /// By how much the board's heading is off, clockwise, degrees.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub angle_deg: Option<f64>,
+    /// What happens to a Crazyflie.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub event: Option<Event>,
     /// What a station orders to fail.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<Unit>,
@@ -329,11 +332,29 @@ impl FaultAt {
                 Fault::HeadingOff(angle_deg.to_radians())
             }
             Part::Gear => Fault::GearLeg(silent()),
+            Part::Crazyflie => self.event(broken, key, problems)?,
             // Those are orders.
             Part::Pause | Part::InjectFailure | Part::Fence | Part::Outside | Part::Home => {
                 return None;
             }
         })
+    }
+
+    /// What happens to a Crazyflie.
+    fn event(&self, broken: bool, key: &str, problems: &mut Problems) -> Option<Fault> {
+        let event = need(self.event, key, "event", problems)?;
+        let (mut for_s, mut off_m) = (0.0, [0.0; 3]);
+        if event == Event::Fade {
+            for_s = need(self.length_s, key, "length_s", problems)?;
+            problems.range(format_args!("{key}.length_s"), for_s, 0.0..=600.0, "s");
+        }
+        if event == Event::AnchorsOff && broken {
+            off_m = need(self.offset, key, "offset", problems)?;
+            for off in off_m {
+                problems.range(format_args!("{key}.offset"), off, -100.0..=100.0, "m");
+            }
+        }
+        Some(Fault::Crazyflie(event.fault(broken, for_s, off_m)))
     }
 
     /// Scale of what the axes read of the vehicle as it is turned, and the offset.

@@ -1,6 +1,6 @@
 //! Words of a scenario's `[[fault]]`.
 
-use haltere_model::faults::{FaultKind, LineId, SecondVoice, Sensor};
+use haltere_model::faults::{CrazyflieFault, FaultKind, LineId, SecondVoice, Sensor};
 use serde::{Deserialize, Serialize};
 
 /// A part of a flight, as a bystander would tell it.
@@ -111,6 +111,8 @@ pub enum Part {
     Heading,
     /// A leg of the gear, `off` or `healthy`.
     Gear,
+    /// A Crazyflie, its radio or its anchors; needs `event`.
+    Crazyflie,
     /// The companion's computer stands still; needs `length_s`, and a `phase`.
     Pause,
     /// A station sends `MAV_CMD_INJECT_FAILURE`; needs `unit`, and a `phase`.
@@ -230,6 +232,68 @@ impl Voice {
         match self {
             Voice::Heartbeat => SecondVoice::Heartbeat,
             Voice::Everything => SecondVoice::Everything,
+        }
+    }
+}
+
+/// What happens to a Crazyflie, its radio or its anchors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Event {
+    /// Nothing passes by radio; needs `length_s`.
+    Fade,
+    /// The UWB chip does not answer.
+    ChipDead,
+    /// The log blocks are gone.
+    BlocksGone,
+    /// The main processor restarts.
+    MainReset,
+    /// The radio's processor restarts.
+    RadioReset,
+    /// The radio carries less than is sent.
+    Congested,
+    /// It restarts with other tables.
+    OtherTable,
+    /// Somebody else connects and sends setpoints.
+    SecondClient,
+    /// Somebody disarms it.
+    Disarm,
+    /// It takes itself for crashed.
+    Crash,
+    /// It is locked until it is restarted.
+    Lock,
+    /// A deck does not answer.
+    DeckFault,
+    /// The anchors speak TDoA3.
+    Tdoa3,
+    /// The anchors say that they stand somewhere else; needs `offset`: their own x, y, z.
+    AnchorsOff,
+    /// The dongle is out.
+    DongleOut,
+    /// Its firmware is older than the supervisor's port.
+    NoPort9,
+}
+
+impl Event {
+    /// As the plant takes it, or what mends it; `for_s` and `off_m` where it needs them.
+    pub fn fault(self, on: bool, for_s: f64, off_m: [f64; 3]) -> CrazyflieFault {
+        match self {
+            Self::Fade => CrazyflieFault::Fade { for_s: if on { for_s } else { 0.0 } },
+            Self::ChipDead => CrazyflieFault::ChipDead(on),
+            Self::BlocksGone => CrazyflieFault::BlocksGone,
+            Self::MainReset => CrazyflieFault::MainReset,
+            Self::RadioReset => CrazyflieFault::RadioReset,
+            Self::Congested => CrazyflieFault::Congested(on),
+            Self::OtherTable => CrazyflieFault::OtherTable,
+            Self::SecondClient => CrazyflieFault::SecondClient(on),
+            Self::Disarm => CrazyflieFault::Disarm,
+            Self::Crash => CrazyflieFault::Crash,
+            Self::Lock => CrazyflieFault::Lock,
+            Self::DeckFault => CrazyflieFault::DeckFault(on),
+            Self::Tdoa3 => CrazyflieFault::Tdoa3(on),
+            Self::AnchorsOff => CrazyflieFault::AnchorsOff(if on { off_m } else { [0.0; 3] }),
+            Self::DongleOut => CrazyflieFault::DongleOut(on),
+            Self::NoPort9 => CrazyflieFault::NoPort9(on),
         }
     }
 }

@@ -8,10 +8,10 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use haltere_gap::bank::library;
 use haltere_gap::diagnosis::observed;
 use haltere_gap::flight::logs;
-use haltere_gap::held_out::HeldOut;
 use haltere_gap::nominal::Nominal;
-use haltere_gap::resize::resize;
 use haltere_gap::scene::{Scene, Told};
+use haltere_gap::shrink::held_out::HeldOut;
+use haltere_gap::shrink::resize::resize;
 use haltere_gap::shrink::{Paired, Shrink};
 use haltere_model::effects::EffectSpec;
 

@@ -65,7 +65,11 @@ fn prop_two_constants_are_told_with_their_shares_on_flights_that_were_held_out()
 #[test]
 fn prop_a_file_that_is_right_has_no_budget() {
     let budget = of_file(|_| (), 1);
-    assert_eq!((budget.outcome, budget.exit_code()), ("no_gap", 0), "{budget:#?}");
+    assert_eq!(
+        (budget.outcome, budget.exit_code()),
+        (crate::outcome::Ending::NoGap, 0),
+        "{budget:#?}"
+    );
     assert!(budget.parts.is_empty() && budget.blocks.is_empty(), "{budget:#?}");
 }
 

@@ -107,10 +107,6 @@ pub enum Action {
 }
 
 impl Action {
-    /// As numbers of a parameter, with their meaning.
-    pub const CHOICES: &'static [(i8, &'static str)] =
-        &[(0, "tell"), (1, "hold"), (2, "return"), (3, "land")];
-
     /// As a reaction.
     pub fn reaction(self) -> Reaction {
         match self {
@@ -120,24 +116,6 @@ impl Action {
             Action::Land => Reaction::Land,
         }
     }
-
-    /// Number of a parameter.
-    pub fn number(self) -> f64 {
-        match self {
-            Action::Tell => 0.0,
-            Action::Hold => 1.0,
-            Action::Return => 2.0,
-            Action::Land => 3.0,
-        }
-    }
-
-    /// From the number of a parameter; whatever is none is the hardest.
-    pub fn from_number(number: f64) -> Self {
-        match number as i8 {
-            0 => Action::Tell,
-            1 => Action::Hold,
-            2 => Action::Return,
-            _ => Action::Land,
-        }
-    }
 }
+
+haltere_core::choices!(Action: Tell "tell", Hold "hold", Return "return", Land "land");

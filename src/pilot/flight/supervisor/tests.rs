@@ -262,7 +262,7 @@ fn prop_numbers_are_those_of_the_configuration() {
     let config = PilotConfig::default();
     for row in &CONDITIONS {
         for n in row.numbers.iter().filter(|n| !n.key.is_empty()) {
-            let there = crate::stations::services::all_parameters().find(|p| p.key_text() == n.key);
+            let there = crate::stations::services::all_parameters().find(|p| p.key == n.key);
             let there = there.map(|p| p.value(&config));
             assert_eq!(there, Some((n.value)(&config) as f32), "{}", n.key);
         }

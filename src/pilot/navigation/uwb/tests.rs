@@ -5,6 +5,7 @@ use rand::RngExt as _;
 use super::air;
 use super::air::{Air, Heard};
 use super::*;
+use haltere_core::checks::Problems;
 use haltere_core::drops::{DropReason, Drops};
 use haltere_core::frames::{E, Vec3};
 use haltere_core::measure::{AnchorId, Tdoa};

@@ -20,6 +20,7 @@ pub use door::{Door, DoorConfig, KeyOffer};
 pub use rate::RateLimit;
 pub use ring::{KeyRing, MINUTE, Standing, TimeNews};
 
+use haltere_core::keys::NoNumber;
 use serde::{Deserialize, Serialize};
 
 /// What a link demands of frames.
@@ -47,6 +48,9 @@ pub enum KeySetup {
     /// Anybody on this link.
     Anybody,
 }
+
+impl NoNumber for Signing {}
+impl NoNumber for KeySetup {}
 
 #[cfg(test)]
 mod tests;

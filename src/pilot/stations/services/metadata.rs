@@ -11,11 +11,12 @@ use haltere_dialect::mav::haltere::{
 use serde_json::{Value, json};
 
 use haltere_core::checks::shown;
+use haltere_core::keys::When;
 use haltere_core::time::HostTime;
 
 use super::crc32::crc32;
 use super::parameter_table as table;
-use super::parameter_table::{Kind, Parameter, When};
+use super::parameter_table::{Kind, Parameter};
 use crate::config::PilotConfig;
 use crate::flight::event_list;
 
@@ -145,14 +146,14 @@ fn long(p: &Parameter) -> String {
     match p.kind {
         Kind::Alias(of) => format!("{} The same value as {of}.", p.doc),
         Kind::Fixed(_) => format!("{} It cannot be changed.", p.doc),
-        _ => format!("{} {when} Key of the configuration: {}.", p.doc, p.key_text()),
+        _ => format!("{} {when} Key of the configuration: {}.", p.doc, p.key),
     }
 }
 
 /// The page `docs/PARAMETERS.md`.
 pub fn markdown() -> String {
     let mut page = String::from(
-        "# Parameters\n\nGenerated from the table in `src/pilot/stations/services/parameter_list.rs`; a test \
+        "# Parameters\n\nGenerated from the rows of the keys (`src/core/keys.rs`); a test \
          compares. All are `MAV_PARAM_TYPE_REAL32`.\n\nA value that a station sets is checked with \
          the rules of the configuration, kept in `store.directory` and wins over configuration \
          files from then on; environment variables and `--set` win over it. \
@@ -190,7 +191,7 @@ pub fn markdown() -> String {
         };
         let default =
             if p.has_default() { p.default_value(&defaults).to_string() } else { "".into() };
-        let key = if p.key.is_empty() { String::new() } else { format!("`{}`", p.key_text()) };
+        let key = if p.key.is_empty() { String::new() } else { format!("`{}`", p.key) };
         let _ = writeln!(
             page,
             "| `{}` | {default} | {range} | {} | {acts} | {} | {key} |",

@@ -5,20 +5,17 @@
 //! not here is not a number (addresses, devices, paths) or belongs to the installation (priority
 //! of threads, recording).
 
-use super::parameter_list::{COMMON, PX4_ONLY};
+use std::sync::LazyLock;
+
+use super::parameter_list::{common, px4_only};
 use crate::config::PilotConfig;
 use haltere_core::checks::{Problems, shown};
+use haltere_core::keys::{Section, When};
 
-/// When a new value acts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum When {
-    /// At once, in flight too: outputs go on from where they are and fade to the new law.
-    AtOnce,
-    /// At once on the floor; in flight it is refused, because setpoints or limits would jump.
-    OnFloor,
-    /// After a restart: filters are built once, from the configuration.
-    Restart,
-}
+/// All of them, in the order of their indices.
+static ALL: LazyLock<Vec<Parameter>> = LazyLock::new(|| [common(), px4_only()].concat());
+/// How many of them every client sees; the rest are for clients of PX4.
+static COMMON: LazyLock<usize> = LazyLock::new(|| ALL.len() - px4_only().len());
 
 /// What values a parameter takes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,12 +33,14 @@ pub enum Kind {
 }
 
 /// One parameter.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Parameter {
     /// Name on the wire, at most 16 characters.
     pub name: &'static str,
-    /// Key of the configuration.
-    pub key: &'static str,
+    /// Key of the configuration, as people write it.
+    pub key: String,
+    /// Which number of a list it is.
+    pub part: usize,
     /// Values.
     pub kind: Kind,
     /// When a new value acts.
@@ -51,17 +50,9 @@ pub struct Parameter {
     /// Highest value.
     pub high: f64,
     /// Unit; empty: none.
-    pub unit: &'static str,
+    pub unit: String,
     /// What it does, one sentence or two.
-    pub doc: &'static str,
-    pub(crate) get: fn(&PilotConfig) -> f64,
-    pub(crate) set: fn(&mut PilotConfig, f64),
-}
-
-impl std::fmt::Debug for Parameter {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Parameter").field("name", &self.name).field("key", &self.key).finish()
-    }
+    pub doc: String,
 }
 
 impl Parameter {
@@ -70,14 +61,17 @@ impl Parameter {
     pub fn value(&self, config: &PilotConfig) -> f32 {
         match self.kind {
             Kind::Fixed(value) => value,
-            Kind::Alias(of) => find(of).map_or(0.0, |(_, p)| (p.get)(config) as f32),
-            _ => (self.get)(config) as f32,
+            Kind::Alias(of) => find(of).map_or(0.0, |(_, p)| p.value(config)),
+            _ => {
+                let value = config.value(self.key_of_list());
+                value.map_or(0.0, |v| v.number(self.part, self.low)) as f32
+            }
         }
     }
 
     /// The number a client means, or why it cannot be taken.
     pub fn checked(&self, value: f32) -> Result<f64, String> {
-        let Self { name, low, high, unit, .. } = *self;
+        let Self { name, low, high, ref unit, .. } = *self;
         let [low_shown, high_shown] = [low, high].map(shown);
         if !value.is_finite() {
             return Err(format!("{name} = {value}: not a number"));
@@ -109,13 +103,20 @@ impl Parameter {
     /// Checks a value and writes it into a configuration; rules between values are not looked at.
     pub fn put(&self, config: &mut PilotConfig, value: f32) -> Result<(), String> {
         let exact = self.checked(value)?;
-        (self.set)(config, exact);
+        self.set(config, exact);
         Ok(())
     }
 
-    /// Key of the configuration as people write it.
-    pub fn key_text(&self) -> String {
-        self.key.split_whitespace().collect()
+    /// Writes a checked value into a configuration.
+    pub(crate) fn set(&self, config: &mut PilotConfig, exact: f64) {
+        if let Some(value) = config.value_mut(self.key_of_list()) {
+            value.set(self.part, exact, self.low);
+        }
+    }
+
+    /// Its key, of a number of a list the key of the list.
+    pub fn key_of_list(&self) -> &str {
+        self.key.split('[').next().unwrap_or_default()
     }
 
     /// Whether a default is known without a survey.
@@ -163,28 +164,23 @@ pub fn find(name: &str) -> Option<(usize, &'static Parameter)> {
 
 /// All of them, in the order of their indices.
 pub fn all() -> impl Iterator<Item = &'static Parameter> {
-    COMMON.iter().chain(PX4_ONLY)
+    ALL.iter()
 }
 
 /// The one with this index.
 pub fn at(index: usize) -> Option<&'static Parameter> {
-    COMMON.get(index).or_else(|| PX4_ONLY.get(index.checked_sub(COMMON.len())?))
+    ALL.get(index)
 }
 
 /// How many a client sees.
 pub fn count(px4: bool) -> usize {
-    if px4 { COMMON.len() + PX4_ONLY.len() } else { COMMON.len() }
+    if px4 { ALL.len() } else { *COMMON }
 }
 
 /// What the checks of the configuration say about the sections that parameters belong to.
 pub fn problems(config: &PilotConfig) -> Problems {
     let mut problems = Problems::new();
-    config.flight.check("flight", &mut problems);
-    config.limits.check("limits", &mut problems);
-    config.supervisor.check("supervisor", &mut problems);
-    config.uwb.check("uwb", &mut problems);
-    config.estimator.check("estimator", &mut problems);
-    config.control.check("control", &mut problems);
+    config.check(&mut problems);
     config.limits.check_pack("limits", &config.control.voltage, &mut problems);
     problems
 }
@@ -203,7 +199,7 @@ mod tests {
             assert!(p.low <= p.high, "{}", p.name);
         }
         assert_eq!(count(true), seen.len());
-        assert_eq!(count(false), COMMON.len());
+        assert_eq!(count(false), seen.len() - px4_only().len());
         assert!(at(count(true)).is_none());
     }
 
@@ -227,13 +223,13 @@ mod tests {
             "UWB_PAIRS",
             "FLT_RTN",
         ];
-        for p in COMMON.iter().filter(|p| matches!(p.kind, Kind::Number)) {
+        for p in all().take(count(false)).filter(|p| matches!(p.kind, Kind::Number)) {
             if JOINED.iter().any(|j| p.name.starts_with(j)) {
                 continue;
             }
             let try_value = |value: f64| {
                 let mut config = PilotConfig::default();
-                (p.set)(&mut config, value);
+                p.set(&mut config, value);
                 problems(&config)
             };
             for inside in [p.low, p.high] {
@@ -249,7 +245,7 @@ mod tests {
 
     #[test]
     fn prop_every_value_is_set_and_read_back_through_the_wire() {
-        for p in COMMON {
+        for p in all().take(count(false)) {
             let mut config = PilotConfig::default();
             let values: Vec<f64> = match p.kind {
                 Kind::Choice(all) => all.iter().map(|(n, _)| f64::from(*n)).collect(),
@@ -258,7 +254,7 @@ mod tests {
             };
             for value in values {
                 let exact = p.checked(value as f32).expect("inside its range");
-                (p.set)(&mut config, exact);
+                p.set(&mut config, exact);
                 assert_eq!(p.value(&config), value as f32, "{}", p.name);
             }
         }
@@ -311,10 +307,8 @@ mod tests {
         ] {
             keys(section, &table.expect("a table"), &mut all);
         }
-        let known: Vec<String> = COMMON
-            .iter()
-            .map(|p| p.key_text().split('[').next().unwrap_or_default().to_owned())
-            .collect();
+        let known: Vec<String> =
+            super::all().take(count(false)).map(|p| p.key_of_list().to_owned()).collect();
         for key in all {
             let is_known = known.contains(&key) || LEFT_OUT.contains(&key.as_str());
             assert!(is_known, "{key} is no parameter");

@@ -12,13 +12,14 @@ use haltere_dialect::mav::haltere::{
 use haltere_dialect::mav::name_of;
 
 use haltere_core::control::margins;
+use haltere_core::keys::When;
 use haltere_core::time::HostTime;
 
 use super::budget::Budget;
 use super::crc32::crc32;
 use super::files::{FileFault, FileTask};
 use super::param_pack::{Query, pack};
-use super::parameter_table::{Kind, Parameter, When};
+use super::parameter_table::{Kind, Parameter};
 use super::{Purpose, parameter_table as table};
 use crate::config::PilotConfig;
 use crate::flight::modes::Mode;
@@ -157,7 +158,7 @@ pub(crate) struct Change {
 
 impl Change {
     pub(crate) fn put_in(&self, config: &mut PilotConfig) {
-        (self.parameter.set)(config, self.exact);
+        self.parameter.set(config, self.exact);
     }
 }
 
@@ -325,7 +326,7 @@ impl Stations {
             return Ok((parameter, None));
         }
         let mut wanted = before.clone();
-        (parameter.set)(&mut wanted, exact);
+        parameter.set(&mut wanted, exact);
         // Rules that join several values; what was wrong before is not this value's fault.
         let old = table::problems(before);
         if let Some(line) =

@@ -38,7 +38,7 @@ fn prop_what_is_ruled_out_is_not_compared_and_the_rest_sums_to_one() {
 
 #[test]
 fn val_a_scale_tells_mass_from_thrust_as_its_resolution_says() {
-    let scale = crate::experiments::find("scale").unwrap();
+    let scale = crate::advice::experiments::find("scale").unwrap();
     let Means::Bench(readings) = scale.means else { panic!() };
     let r = mass_or_thrust();
     assert!(read_off(&r, readings) > 0.999);

@@ -41,7 +41,7 @@ fn hover(scene: &Scene) -> Plan {
     plan
 }
 
-pub(super) fn yaw_on_the_spot(scene: &Scene) -> Result<MissionFile, String> {
+pub(crate) fn yaw_on_the_spot(scene: &Scene) -> Result<MissionFile, String> {
     let mut plan = hover(scene);
     for yaw_deg in [90.0, 180.0, -90.0, 0.0, 90.0, 0.0] {
         plan.turn(yaw_deg, 4.0);
@@ -49,7 +49,7 @@ pub(super) fn yaw_on_the_spot(scene: &Scene) -> Result<MissionFile, String> {
     Ok(plan.land())
 }
 
-pub(super) fn throttle_doublets(scene: &Scene) -> Result<MissionFile, String> {
+pub(crate) fn throttle_doublets(scene: &Scene) -> Result<MissionFile, String> {
     let mut plan = hover(scene);
     for _ in 0..3 {
         plan.doublets(DoubletAxis::Thrust, [[0.12, 0.4], [0.04, 0.4]]);
@@ -59,7 +59,7 @@ pub(super) fn throttle_doublets(scene: &Scene) -> Result<MissionFile, String> {
     Ok(plan.land())
 }
 
-pub(super) fn lean_doublets(scene: &Scene) -> Result<MissionFile, String> {
+pub(crate) fn lean_doublets(scene: &Scene) -> Result<MissionFile, String> {
     dash_m(scene, LEAST_DASH_M)?;
     let mut plan = hover(scene);
     for axis in [DoubletAxis::Roll, DoubletAxis::Pitch] {
@@ -72,7 +72,7 @@ pub(super) fn lean_doublets(scene: &Scene) -> Result<MissionFile, String> {
     Ok(plan.land())
 }
 
-pub(super) fn reversal_dashes(scene: &Scene) -> Result<MissionFile, String> {
+pub(crate) fn reversal_dashes(scene: &Scene) -> Result<MissionFile, String> {
     let dash = dash_m(scene, 1.9)?;
     let mut plan = hover(scene);
     // The lower of the speed that lean allows: 1.2 m/s along x (missions.rs).
@@ -90,7 +90,7 @@ pub(super) fn reversal_dashes(scene: &Scene) -> Result<MissionFile, String> {
     Ok(plan.land())
 }
 
-pub(super) fn straight_dashes(scene: &Scene) -> Result<MissionFile, String> {
+pub(crate) fn straight_dashes(scene: &Scene) -> Result<MissionFile, String> {
     let dash = dash_m(scene, 1.9)?;
     let mut plan = hover(scene);
     for (axis, mps) in [1.2, 1.4].into_iter().enumerate() {
@@ -105,7 +105,7 @@ pub(super) fn straight_dashes(scene: &Scene) -> Result<MissionFile, String> {
     Ok(plan.land())
 }
 
-pub(super) fn room_edge_square(scene: &Scene) -> Result<MissionFile, String> {
+pub(crate) fn room_edge_square(scene: &Scene) -> Result<MissionFile, String> {
     dash_m(scene, LEAST_DASH_M)?;
     let mut plan = hover(scene);
     plan.speed(1.1);
@@ -118,7 +118,7 @@ pub(super) fn room_edge_square(scene: &Scene) -> Result<MissionFile, String> {
     Ok(plan.land())
 }
 
-pub(super) fn height_ladder(scene: &Scene) -> Result<MissionFile, String> {
+pub(crate) fn height_ladder(scene: &Scene) -> Result<MissionFile, String> {
     let mut plan = hover(scene);
     plan.speed(0.5);
     for height_m in [0.8, 0.65, LOW_M, 0.45, LOW_M, 0.65] {
@@ -128,7 +128,7 @@ pub(super) fn height_ladder(scene: &Scene) -> Result<MissionFile, String> {
     Ok(plan.land())
 }
 
-pub(super) fn under_the_ceiling(scene: &Scene) -> Result<MissionFile, String> {
+pub(crate) fn under_the_ceiling(scene: &Scene) -> Result<MissionFile, String> {
     let mut plan = hover(scene);
     let top_m = plan.under(100.0);
     if top_m - HEIGHT_M < LEAST_CLIMB_M {
@@ -150,13 +150,13 @@ pub(super) fn under_the_ceiling(scene: &Scene) -> Result<MissionFile, String> {
     Ok(plan.land())
 }
 
-pub(super) fn long_hover(scene: &Scene) -> Result<MissionFile, String> {
+pub(crate) fn long_hover(scene: &Scene) -> Result<MissionFile, String> {
     let mut plan = hover(scene);
     plan.wait(58.0);
     Ok(plan.land())
 }
 
-pub(super) fn steps_then_hover(scene: &Scene) -> Result<MissionFile, String> {
+pub(crate) fn steps_then_hover(scene: &Scene) -> Result<MissionFile, String> {
     let mut plan = hover(scene);
     plan.doublets(DoubletAxis::Thrust, [[0.12, 0.4], [0.04, 0.4]]);
     plan.wait(40.0);
@@ -165,7 +165,7 @@ pub(super) fn steps_then_hover(scene: &Scene) -> Result<MissionFile, String> {
     Ok(plan.land())
 }
 
-pub(super) fn standard(scene: &Scene) -> Result<MissionFile, String> {
+pub(crate) fn standard(scene: &Scene) -> Result<MissionFile, String> {
     dash_m(scene, LEAST_DASH_M)?;
     Ok(diagnostic_file(scene))
 }

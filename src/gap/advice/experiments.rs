@@ -1,12 +1,12 @@
 //! The catalogue of experiments: manoeuvres and bench actions, with what each costs and which sets of
 //! effects it is meant to separate (GAP.md 3.9). One list; what an experiment is worth to somebody is
-//! computed in [`crate::advise`], not written here.
+//! computed in [`crate::advice`], not written here.
 //!
 //! Costs of flights are flight times in the room of 6 × 6 × 3 m (a test flies them); of bench actions
 //! the time with everything at hand. Resolutions are one sigma of a reading by usual tools, and hold
 //! what nominal vehicles differ by (turn-on bias of the IMU: effect N11).
 
-use crate::manoeuvres::{
+use crate::advice::manoeuvres::{
     height_ladder, lean_doublets, long_hover, reversal_dashes, room_edge_square, standard,
     steps_then_hover, straight_dashes, throttle_doublets, under_the_ceiling, yaw_on_the_spot,
 };

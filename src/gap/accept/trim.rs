@@ -9,8 +9,8 @@
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use serde::Serialize;
 
-use crate::details::{Details, Kind, fly_nulls};
 use crate::flight::residuals::Channel;
+use crate::picture::details::{Details, Kind, fly_nulls};
 use crate::scene::Scene;
 use haltere_model::effects::EffectSpec;
 

@@ -4,14 +4,18 @@
 //! Anchor graph: mean residuals of pairs `r_ab = n_b - n_a + c_ab`, `n` by least squares with `Σ n = 0`
 //! (GAP.md 2.4). The node part `n` is the anchor's own, the loop part `c` is of the path between.
 
+pub mod details;
+pub mod matrix;
+pub mod onset;
+
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
-use crate::details::{Details, fly_nulls};
 use crate::flight::cells::Part;
 use crate::flight::residuals::uwb::SIDE;
-use crate::matrix::{Matrix, Square, floor, matrix};
-use crate::onset::{Onset, onset};
+use crate::picture::details::{Details, fly_nulls};
+use crate::picture::matrix::{Matrix, Square, floor, matrix};
+use crate::picture::onset::{Onset, onset};
 use crate::scene::Scene;
 use crate::shrink::mean;
 use haltere_core::measure::AnchorId;

@@ -7,7 +7,7 @@
 //! simulator no more like the flight it was fitted to is not added at all.
 
 use crate::bank::library;
-use crate::held_out::HeldOut;
+use crate::shrink::held_out::HeldOut;
 use haltere_model::Vehicle;
 use haltere_model::effects::{EffectSpec, ParameterSpec};
 

@@ -9,8 +9,8 @@
 
 use serde::Serialize;
 
-use crate::details::{Details, unit};
 use crate::flight::cells::{Cell, Part};
+use crate::picture::details::{Details, unit};
 use crate::shrink::{median, scales};
 
 /// False discovery rate.

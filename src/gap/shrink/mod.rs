@@ -9,6 +9,9 @@
 //! above one or below zero are not clipped. Intervals: BCa bootstrap over real flights
 //! (Efron 1987), with the simulated flights of each as one cluster.
 
+pub mod held_out;
+pub mod resize;
+
 use serde::{Deserialize, Serialize};
 
 use crate::normal;
@@ -80,7 +83,7 @@ pub fn scales(rows: &[Vec<f64>]) -> Vec<f64> {
 }
 
 /// Medians of every statistic over flights.
-pub(super) fn medians(rows: &[Vec<f64>]) -> Vec<f64> {
+pub(crate) fn medians(rows: &[Vec<f64>]) -> Vec<f64> {
     let width = rows.iter().map(Vec::len).max().unwrap_or(0);
     (0..width)
         .map(|j| {
@@ -91,7 +94,7 @@ pub(super) fn medians(rows: &[Vec<f64>]) -> Vec<f64> {
         .collect()
 }
 
-pub(super) fn median(values: &mut [f64]) -> f64 {
+pub(crate) fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
@@ -110,12 +113,12 @@ pub fn distance(a: &[f64], b: &[f64], scales: &[f64]) -> f64 {
 }
 
 /// A standardised difference, compressed where it is large: one broken statistic is not the whole gap.
-pub(super) fn compressed(z: f64) -> f64 {
+pub(crate) fn compressed(z: f64) -> f64 {
     LARGE * (z / LARGE).asinh()
 }
 
 /// Mean distance of one flight to many.
-pub(super) fn to_all(real: &[f64], sims: &[Vec<f64>], scales: &[f64]) -> f64 {
+pub(crate) fn to_all(real: &[f64], sims: &[Vec<f64>], scales: &[f64]) -> f64 {
     mean(sims.iter().map(|s| distance(real, s, scales)))
 }
 
@@ -129,7 +132,7 @@ fn among(sims: &[Vec<f64>], scales: &[f64]) -> f64 {
 }
 
 /// Mean of the finite values; NaN of none.
-pub(super) fn mean(values: impl Iterator<Item = f64>) -> f64 {
+pub(crate) fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for v in values.filter(|v| v.is_finite()) {
         sum += v;

@@ -14,7 +14,7 @@
 
 use serde::Serialize;
 
-use crate::details::{Details, Line};
+use crate::picture::details::{Details, Line};
 
 /// Lines of residuals that are looked at.
 const LINES: usize = 4;
@@ -246,9 +246,9 @@ mod tests {
     use crate::bank::library;
     use crate::bank::make_bank::jittered;
     use crate::bank::missions;
-    use crate::details::{details, fly_nulls};
     use crate::flight::trace::Trace;
     use crate::nominal::Nominal;
+    use crate::picture::details::{details, fly_nulls};
     use crate::scene::Scene;
     use haltere_model::faults::Fault;
     use haltere_model::lockstep::{Lockstep, fly_watched};

@@ -13,8 +13,8 @@ use crate::diagnosis::observed;
 use crate::flight::logs::Flown;
 use crate::flight::statistics::{specs, statistics_of};
 use crate::nominal::Nominal;
-use crate::resize::resize;
 use crate::scene::{Scene, Told};
+use crate::shrink::resize::resize;
 use crate::shrink::{
     Paired, Shrink, by_channel, efficiency, medians, scales, shrink, wrong_effects,
 };
@@ -66,7 +66,7 @@ pub struct Measured {
 }
 
 /// Searches the size of every explanation of one effect on the flight that was diagnosed (see
-/// [`crate::resize`]); several effects keep their sizes, which were fitted together. Returns the shares.
+/// [`crate::shrink::resize`]); several effects keep their sizes, which were fitted together. Returns the shares.
 /// `fitted_on`: statistics of that flight; `model` flies its mission; `progress`: done, of how many.
 pub fn resize_all(
     model: &HeldOut<'_>,

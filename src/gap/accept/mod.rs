@@ -3,7 +3,10 @@
 //! An effect goes into a scenario as `[effects.on.ID]`; where it only changes numbers of the vehicle,
 //! into a vehicle file as these numbers, by the effect's own edit. On the real vehicle there is a trim
 //! in the companion's configuration, a corrected position in the anchor file, or a thing to do by hand.
-//! Every edit keeps comments and order. Files are written by [`crate::accepted`].
+//! Every edit keeps comments and order. Files are written by [`crate::accept::accepted`].
+
+pub mod accepted;
+pub mod trim;
 
 use toml_edit::{DocumentMut, InlineTable, Item, Table, TableLike, Value};
 

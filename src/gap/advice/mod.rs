@@ -3,10 +3,14 @@
 //! Candidates that are not ruled out are flown in the nominal simulator on the mission of every
 //! experiment, each flight with parameters drawn from their intervals and with benign jitter; how far
 //! apart their statistics lie gives the probability that the right one would be named
-//! ([`crate::discriminate`]). Bench actions are readings: what each candidate would make the instrument
+//! ([`crate::advice::discriminate`]). Bench actions are readings: what each candidate would make the instrument
 //! show, over its interval, against the resolution. Effects that the flight could not have shown are
 //! flown too: how probable is it that they would stand out. Everything is relative to the nominal
 //! simulator, and to the candidates: what is not among them is not separated by anything here.
+
+pub mod discriminate;
+pub mod experiments;
+pub(crate) mod manoeuvres;
 
 use std::cmp::Ordering;
 use std::sync::atomic::{AtomicUsize, Ordering as Memory};
@@ -15,11 +19,11 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
+use crate::advice::discriminate::{Clouds, correct};
+use crate::advice::experiments::{EXPERIMENTS, Experiment, Means, Reading};
 use crate::bank::archive::{self, Archive, Job, Shelf};
 use crate::bank::library;
 use crate::bank::missions::wire;
-use crate::discriminate::{Clouds, correct};
-use crate::experiments::{EXPERIMENTS, Experiment, Means, Reading};
 use crate::normal;
 use crate::scene::Scene;
 use haltere_model::effects::{Axis, EffectSpec, Kind};
