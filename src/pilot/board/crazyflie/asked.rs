@@ -38,17 +38,14 @@ impl<Q: Copy + PartialEq> Asked<Q> {
         Some(question)
     }
 
-    /// Whether an answer that fits some questions is that to the one under way, which ends it: one that comes twice, or
-    /// late, is not.
-    pub fn answered(&mut self, fits: impl FnOnce(&Q) -> bool) -> Option<Q> {
-        let fitted = self.question.filter(|question| fits(question))?;
-        self.question = None;
-        Some(fitted)
-    }
-
     /// The question under way.
     pub fn under_way(&self) -> Option<Q> {
         self.question
+    }
+
+    /// Whether the question under way is to be sent again.
+    pub fn is_due_again(&self, at: HostTime) -> bool {
+        self.question.is_some() && self.times > 0 && at >= self.next_at
     }
 
     /// How often the question under way was sent.
@@ -71,16 +68,14 @@ mod tests {
     }
 
     #[test]
-    fn prop_a_lost_question_is_asked_again_and_an_answer_counts_once() {
+    fn prop_a_lost_question_is_asked_again() {
         let mut asked = Asked::default();
         let mut left = vec![2, 1];
         assert_eq!(asked.due(at(0), || left.pop()), Some(1));
         assert_eq!(asked.due(at(99), || left.pop()), None, "one at a time");
         assert_eq!(asked.due(at(100), || left.pop()), Some(1));
-        assert_eq!(asked.times(), 2);
-        assert_eq!(asked.answered(|q| *q == 2), None, "of another");
-        assert_eq!(asked.answered(|q| *q == 1), Some(1));
-        assert_eq!(asked.answered(|q| *q == 1), None, "twice");
+        assert_eq!((asked.times(), asked.is_due_again(at(200))), (2, true));
+        asked.forget();
         assert_eq!(asked.due(at(110), || left.pop()), Some(2));
         asked.forget();
         assert_eq!(asked.due(at(300), || left.pop()), None);

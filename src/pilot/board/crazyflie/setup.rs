@@ -1,7 +1,8 @@
 //! What is asked and set at connecting, one question after the other, each repeated until it is answered.
 //!
 //! Version and tag; both tables of names; what a legacy setpoint means (`flightmode.*`: angles, an absolute yaw, no
-//! hold of height or position), set by name and read back; where the anchors say they are; the log blocks.
+//! hold of height or position), read, where it is something else set by name, and read back; where the anchors say they
+//! are; the log blocks. After a silence all of it is asked again, but for tables whose checksum is the one that is known.
 
 use haltere_core::time::HostTime;
 use haltere_dialect::crtp::loco::{self, AnchorPosition};
@@ -10,7 +11,7 @@ use haltere_dialect::crtp::memory::{MemoryAnswer, MemoryRequest};
 use haltere_dialect::crtp::packet::Packet;
 use haltere_dialect::crtp::parameter::{ParameterAnswer, ParameterRequest};
 use haltere_dialect::crtp::platform::{PlatformAnswer, PlatformRequest};
-use haltere_dialect::crtp::toc::{Table, TocAnswer, TocRequest};
+use haltere_dialect::crtp::toc::{Table, TocAnswer, TocItem, TocRequest};
 use haltere_dialect::crtp::value::{Kind, Value};
 use haltere_dialect::crtp::{FromBoard, ToBoard};
 
@@ -30,7 +31,9 @@ const SETTINGS: [(&str, u8); 7] = [
     ("posSet", 0),
 ];
 /// Anchors of TDoA2.
-const ANCHORS: u8 = 8;
+pub(crate) const ANCHORS: u8 = 8;
+/// A question that was sent so often without an answer, 2 s of it, has none.
+const MOST_TIMES: u32 = 20;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Question {
@@ -38,8 +41,9 @@ enum Question {
     Firmware,
     Count(Table),
     Name(Table, u16),
+    /// The value of a setting; whether it was set by us.
+    Value(usize, bool),
     Set(usize),
-    Value(usize),
     Memories,
     Memory(u8),
     Anchor(u8),
@@ -48,23 +52,32 @@ enum Question {
     Start(u8),
 }
 
+/// A table as it was told: items, and checksum.
+type Known = Option<(u16, u32)>;
+
 /// Goes through them.
 #[derive(Debug)]
 pub(crate) struct Setup {
     next: Option<Question>,
     asked: Asked<Question>,
-    counts: [u16; 2],
-    settings: [Option<u16>; SETTINGS.len()],
+    /// The tables that are being read, and those that were read to the end.
+    tables: [Known; 2],
+    read: [Known; 2],
+    settings: [Option<(u16, Kind)>; SETTINGS.len()],
     memories: u8,
     loco: Option<u8>,
+    /// Nothing is written while it flies.
+    flies: bool,
     /// Of the board.
     pub protocol: Option<u32>,
     pub firmware: String,
     pub ids: Ids,
     /// Where the anchors say they are.
     pub anchors: [Option<AnchorPosition>; ANCHORS as usize],
-    /// What was refused, or did not stay as it was set, in words.
+    /// What is not as it must be to fly, with the way out.
     pub refused: Vec<String>,
+    /// What else people should know; taken by who tells it.
+    pub told: Vec<String>,
 }
 
 impl Default for Setup {
@@ -72,15 +85,18 @@ impl Default for Setup {
         Self {
             next: Some(Question::Protocol),
             asked: Asked::default(),
-            counts: [0; 2],
+            tables: [None; 2],
+            read: [None; 2],
             settings: [None; SETTINGS.len()],
             memories: 0,
             loco: None,
+            flies: false,
             protocol: None,
             firmware: String::new(),
             ids: Ids::default(),
             anchors: [None; ANCHORS as usize],
             refused: Vec::new(),
+            told: Vec::new(),
         }
     }
 }
@@ -91,16 +107,39 @@ impl Setup {
         self.next.is_none()
     }
 
-    /// Makes the log blocks anew: after a silence they may be gone.
-    pub fn log_again(&mut self) {
-        if self.is_done() {
-            self.asked.forget();
-            self.next = Some(Question::Reset);
+    /// How far it is, for people.
+    pub fn progress(&self) -> String {
+        match self.next {
+            Some(Question::Name(table, id)) => {
+                let count = self.tables[table as usize].map_or(0, |(count, _)| count);
+                format!("name {id} of {count} in its table of {}", words(table))
+            }
+            Some(question) => what(question).to_owned(),
+            None => "done".to_owned(),
         }
+    }
+
+    /// Begins anew: it was silent, or has restarted. In the air nothing is written.
+    pub fn again(&mut self, flies: bool) {
+        self.asked.forget();
+        self.next = Some(Question::Protocol);
+        self.flies = flies;
+        self.refused.clear();
     }
 
     /// The packet to be sent now, when one is.
     pub fn due(&mut self, at: HostTime) -> Option<Packet> {
+        let again = self.asked.is_due_again(at);
+        if let (Some(Question::Fill(_, 1..)), true) = (self.asked.under_way(), again) {
+            // Whether the board has added the names and its answer was lost nobody knows: a second time they would stand
+            // there twice.
+            self.go_on(Some(Question::Reset));
+        } else if let (Some(question), true) = (self.asked.under_way(), again)
+            && self.asked.times() >= MOST_TIMES
+        {
+            let next = self.unanswered(question);
+            self.go_on(next);
+        }
         let next = self.next;
         let question = self.asked.due(at, || next)?;
         self.request(question)?.encode()
@@ -110,8 +149,45 @@ impl Setup {
     pub fn hear(&mut self, message: &FromBoard<'_>) {
         let Some(question) = self.asked.under_way() else { return };
         if let Some(next) = self.after(question, message) {
-            self.asked.forget();
-            self.next = next;
+            self.go_on(next);
+        }
+    }
+
+    fn go_on(&mut self, next: Option<Question>) {
+        self.asked.forget();
+        self.next = next;
+    }
+
+    fn tell(&mut self, text: String) {
+        if !self.told.contains(&text) {
+            self.told.push(text);
+        }
+    }
+
+    /// What comes after a question that has no answer, which is told.
+    fn unanswered(&mut self, question: Question) -> Option<Question> {
+        let next = match question {
+            // Nobody is there, which is told as such.
+            Question::Protocol => return Some(question),
+            Question::Firmware => Some(Question::Count(Table::Log)),
+            Question::Name(table, id) => Some(self.name(table, id.saturating_add(1))),
+            Question::Value(n, _) | Question::Set(n) => {
+                let name = SETTINGS.get(n).map_or("", |(name, _)| name);
+                self.refuse(format!("board does not answer about {GROUP}.{name}: restart it"));
+                return Some(self.setting(n + 1));
+            }
+            Question::Memories | Question::Memory(_) | Question::Anchor(_) => Some(Question::Reset),
+            Question::Count(_) | Question::Reset | Question::Fill(..) | Question::Start(_) => {
+                Some(Question::Protocol)
+            }
+        };
+        self.tell(format!("board does not answer about {}: restart it", what(question)));
+        next
+    }
+
+    fn refuse(&mut self, why: String) {
+        if !self.refused.contains(&why) {
+            self.refused.push(why);
         }
     }
 
@@ -122,13 +198,12 @@ impl Setup {
             Question::Count(table) => ToBoard::Toc(table, TocRequest::Info),
             Question::Name(table, id) => ToBoard::Toc(table, TocRequest::Item(id)),
             Question::Set(n) => {
-                let (name, value) = *SETTINGS.get(n)?;
+                let ((name, value), (_, kind)) = (*SETTINGS.get(n)?, (*self.settings.get(n)?)?);
                 let value = Value::Int(value.into());
-                let kind = Kind::U8;
                 ToBoard::Parameter(ParameterRequest::SetByName { group: GROUP, name, kind, value })
             }
-            Question::Value(n) => {
-                ToBoard::Parameter(ParameterRequest::Read((*self.settings.get(n)?)?))
+            Question::Value(n, _) => {
+                ToBoard::Parameter(ParameterRequest::Read((*self.settings.get(n)?)?.0))
             }
             Question::Memories => ToBoard::Memory(MemoryRequest::Count),
             Question::Memory(n) => ToBoard::Memory(MemoryRequest::Info(n)),
@@ -168,46 +243,11 @@ impl Setup {
                 self.firmware = (*tag).to_owned();
                 Question::Count(Table::Log)
             }
-            (Question::Count(table), FromBoard::Toc(of, TocAnswer::Info { count, .. }))
-                if table == *of =>
-            {
-                self.counts[usize::from(table == Table::Parameters)] = *count;
-                self.name(table, 0)
+            (Question::Count(_) | Question::Name(..), FromBoard::Toc(of, answer)) => {
+                self.after_toc(question, *of, answer)?
             }
-            (Question::Name(table, id), FromBoard::Toc(of, TocAnswer::Item(item)))
-                if table == *of && id == item.id =>
-            {
-                match table {
-                    Table::Log => self.ids.learn(item),
-                    Table::Parameters if item.group == GROUP => {
-                        let known = SETTINGS.iter().zip(&mut self.settings);
-                        for (_, id) in known.filter(|((name, _), _)| *name == item.name) {
-                            *id = Some(item.id);
-                        }
-                    }
-                    Table::Parameters => {}
-                }
-                self.name(table, id.saturating_add(1))
-            }
-            (
-                Question::Set(n),
-                FromBoard::Parameter(ParameterAnswer::SetByName { group, name, outcome }),
-            ) if *group == GROUP && SETTINGS.get(n).is_some_and(|(of, _)| of == name) => {
-                if let Err(why) = outcome {
-                    self.refused.push(format!("{group}.{name}: {}", why.name()));
-                    self.set(n + 1)
-                } else {
-                    Question::Value(n)
-                }
-            }
-            (Question::Value(n), FromBoard::Parameter(ParameterAnswer::Read(id, outcome)))
-                if self.settings.get(n) == Some(&Some(*id)) =>
-            {
-                let (name, value) = *SETTINGS.get(n)?;
-                if *outcome != Ok(&[value]) {
-                    self.refused.push(format!("{GROUP}.{name} did not become {value}"));
-                }
-                self.set(n + 1)
+            (Question::Set(_) | Question::Value(..), FromBoard::Parameter(answer)) => {
+                self.after_parameter(question, answer)?
             }
             (_, FromBoard::Memory(answer)) => self.after_memory(question, answer)?,
             (_, FromBoard::Log(outcome)) => return self.after_log(question, outcome),
@@ -216,35 +256,125 @@ impl Setup {
         Some(Some(next))
     }
 
-    fn name(&self, table: Table, id: u16) -> Question {
-        let [log, parameters] = self.counts;
-        match table {
-            Table::Log if id < log => Question::Name(table, id),
-            Table::Log => Question::Count(Table::Parameters),
-            Table::Parameters if id < parameters => Question::Name(table, id),
-            Table::Parameters => self.set(0),
+    fn after_toc(
+        &mut self,
+        question: Question,
+        of: Table,
+        answer: &TocAnswer<'_>,
+    ) -> Option<Question> {
+        match (question, answer) {
+            (Question::Count(table), TocAnswer::Info { count, crc, .. }) if table == of => {
+                let told = Some((*count, *crc));
+                self.tables[table as usize] = told;
+                if self.read[table as usize] == told {
+                    return Some(self.name(table, *count));
+                }
+                match table {
+                    Table::Log => self.ids = Ids::default(),
+                    Table::Parameters => self.settings = [None; SETTINGS.len()],
+                }
+                Some(self.name(table, 0))
+            }
+            (Question::Name(table, id), TocAnswer::Item(item)) if table == of && id == item.id => {
+                self.learn(table, item);
+                Some(self.name(table, id.saturating_add(1)))
+            }
+            (Question::Name(table, id), TocAnswer::NoItem) if table == of => {
+                self.tell(format!(
+                    "board has no item {id} in its table of {}, which it says is longer: flash it anew",
+                    words(table)
+                ));
+                Some(self.name(table, u16::MAX))
+            }
+            _ => None,
         }
     }
 
+    fn learn(&mut self, table: Table, item: &TocItem<'_>) {
+        match table {
+            Table::Log => self.ids.learn(item),
+            Table::Parameters if item.group == GROUP => {
+                let known = SETTINGS.iter().zip(&mut self.settings);
+                for (_, setting) in known.filter(|((name, _), _)| *name == item.name) {
+                    *setting = item.kind(table).map(|kind| (item.id, kind));
+                }
+            }
+            Table::Parameters => {}
+        }
+    }
+
+    fn name(&mut self, table: Table, id: u16) -> Question {
+        if self.tables[table as usize].is_some_and(|(count, _)| id < count) {
+            return Question::Name(table, id);
+        }
+        self.read[table as usize] = self.tables[table as usize];
+        if table == Table::Log {
+            return Question::Count(Table::Parameters);
+        }
+        for (name, _) in SETTINGS.iter().zip(&self.settings).filter(|(_, id)| id.is_none()) {
+            let why = format!("board has no parameter {GROUP}.{}: {FLASH}", name.0);
+            if !self.refused.contains(&why) {
+                self.refused.push(why);
+            }
+        }
+        self.setting(0)
+    }
+
     /// The next of the settings that the firmware has.
-    fn set(&self, from: usize) -> Question {
+    fn setting(&self, from: usize) -> Question {
         let mut known = self.settings.iter().enumerate().skip(from);
-        known.find(|(_, id)| id.is_some()).map_or(Question::Memories, |(n, _)| Question::Set(n))
+        // In the air rows are missed more than anchors are.
+        let then = if self.flies { Question::Reset } else { Question::Memories };
+        known.find(|(_, id)| id.is_some()).map_or(then, |(n, _)| Question::Value(n, false))
+    }
+
+    fn after_parameter(
+        &mut self,
+        question: Question,
+        answer: &ParameterAnswer<'_>,
+    ) -> Option<Question> {
+        match (question, answer) {
+            (Question::Set(n), ParameterAnswer::SetByName { group, name, outcome })
+                if *group == GROUP && SETTINGS.get(n).is_some_and(|(of, _)| of == name) =>
+            {
+                let Err(why) = outcome else { return Some(Question::Value(n, true)) };
+                self.refuse(format!("board refuses {group}.{name}: {}", why.name()));
+                Some(self.setting(n + 1))
+            }
+            (Question::Value(n, was_set), ParameterAnswer::Read(id, outcome)) => {
+                let (of, kind) = (*self.settings.get(n)?)?;
+                if of != *id {
+                    return None;
+                }
+                let (name, wanted) = *SETTINGS.get(n)?;
+                let value = outcome.ok().and_then(|bytes| kind.read(bytes));
+                if value == Some(Value::Int(wanted.into())) {
+                    return Some(self.setting(n + 1));
+                }
+                if !was_set && !self.flies {
+                    return Some(Question::Set(n));
+                }
+                self.refuse(format!(
+                    "{GROUP}.{name} of the board did not become {wanted}: {FLASH}"
+                ));
+                Some(self.setting(n + 1))
+            }
+            _ => None,
+        }
     }
 
     fn after_memory(&mut self, question: Question, answer: &MemoryAnswer<'_>) -> Option<Question> {
         match (question, *answer) {
             (Question::Memories, MemoryAnswer::Count(count)) => {
                 self.memories = count;
-                Some(if count == 0 { Question::Reset } else { Question::Memory(0) })
+                Some(self.memory(0))
             }
             (Question::Memory(n), MemoryAnswer::Info(of, info)) if n == of => {
                 if info.is_some_and(|info| info.kind == loco::TYPE) {
                     self.loco = Some(n);
                     return Some(Question::Anchor(0));
                 }
-                let more = n.saturating_add(1) < self.memories;
-                Some(if more { Question::Memory(n + 1) } else { Question::Reset })
+                Some(self.memory(n.saturating_add(1)))
             }
             (Question::Anchor(n), MemoryAnswer::Read { memory, address, outcome })
                 if self.loco == Some(memory) && address == loco::position(n) =>
@@ -255,6 +385,14 @@ impl Setup {
             }
             _ => None,
         }
+    }
+
+    fn memory(&mut self, n: u8) -> Question {
+        if n < self.memories {
+            return Question::Memory(n);
+        }
+        self.refuse("board has no memory of a Loco deck: plug the deck in, and restart it".into());
+        Question::Reset
     }
 
     fn after_log(&mut self, question: Question, answer: &LogOutcome) -> Option<Option<Question>> {
@@ -272,7 +410,7 @@ impl Setup {
         if let Err(why) = answer.outcome
             && !(stands && why.0.get() == 17)
         {
-            self.refused.push(format!("log block {block}: {}", why.name()));
+            self.refuse(format!("board refuses log block {block}: {}", why.name()));
         }
         Some(match question {
             Question::Reset => self.fill(0),
@@ -290,6 +428,29 @@ impl Setup {
         blocks
             .find(|block| self.ids.part(*block, 0).is_some())
             .map(|block| Question::Fill(block, 0))
+    }
+}
+
+/// The way out where a name is missing: the oldest release that sets log blocks up in milliseconds and does not lock
+/// when it is disarmed after a landing (PR 1426).
+pub(crate) const FLASH: &str =
+    "flash the vehicle, not the dongle or the anchors, with release 2024.10 or later";
+
+fn words(table: Table) -> &'static str {
+    match table {
+        Table::Log => "log variables",
+        Table::Parameters => "parameters",
+    }
+}
+
+fn what(question: Question) -> &'static str {
+    match question {
+        Question::Protocol => "its protocol",
+        Question::Firmware => "its firmware",
+        Question::Count(table) | Question::Name(table, _) => words(table),
+        Question::Value(..) | Question::Set(_) => "its parameters flightmode.*",
+        Question::Memories | Question::Memory(_) | Question::Anchor(_) => "its memories",
+        Question::Reset | Question::Fill(..) | Question::Start(_) => "its log blocks",
     }
 }
 
