@@ -1,6 +1,5 @@
 //! The inner-loop board: the link to it, who else speaks there, and what it last said.
 
-#[cfg_attr(not(test), expect(dead_code, reason = "its state machine is not built yet"))]
 mod crazyflie;
 pub(crate) mod down;
 pub(crate) mod link;

@@ -15,7 +15,7 @@ use haltere_core::frames::{B, E, G_MPS2, Rot, Vec3, attitude_from_flu_enu, body_
 use haltere_dialect::crtp::{quaternion, setpoint::Setpoint};
 
 /// Thrust of the wire that is all there is.
-const FULL: f64 = 65535.0;
+pub(crate) const FULL: f64 = 65535.0;
 
 /// Specific force, of `acc.x .y .z` in g.
 pub(crate) fn specific_force([x, y, z]: [f64; 3]) -> Vec3<B> {
@@ -37,6 +37,11 @@ pub(crate) fn attitude(bits: u32) -> Rot<E, B> {
 /// Yaw of a setpoint in the board's frame, degrees counter-clockwise from its x.
 fn yaw_deg(attitude: Rot<E, B>) -> f64 {
     90.0 - attitude.yaw_rad().to_degrees()
+}
+
+/// The setpoint that is in force: roll, pitch and yaw as it has them, degrees.
+pub(crate) fn in_force([roll, pitch, yaw]: [f64; 3]) -> Rot<E, B> {
+    Rot::from_euler_rad(roll.to_radians(), pitch.to_radians(), (90.0 - yaw).to_radians())
 }
 
 /// The setpoint with an absolute yaw (`flightmode.stabModeYaw` 1).
@@ -72,6 +77,11 @@ mod tests {
             let asked = Rot::from_euler_rad(angles[0], angles[1], angles[2]);
             let off_rad = obeyed(setpoint(asked, 0.5)).raw().angle_to(&asked.raw());
             assert!(off_rad < 0.005, "{angles:?}: {off_rad}");
+            let Setpoint::Attitude { roll_deg, pitch_deg, yaw, .. } = setpoint(asked, 0.5) else {
+                panic!()
+            };
+            let told = in_force([roll_deg, pitch_deg, yaw].map(f64::from));
+            assert!(told.raw().angle_to(&asked.raw()) < 1e-6, "{angles:?}");
         }
     }
 

@@ -42,10 +42,14 @@ impl Joined {
 }
 
 /// A packet as it stands in the stream.
-pub(crate) fn join(packet: &Packet, into: &mut Vec<u8>) {
-    let bytes = packet.bytes();
-    into.push(bytes.len() as u8);
-    into.extend_from_slice(bytes);
+pub(crate) fn join(packet: &Packet, take: impl FnOnce(&[u8])) {
+    let mut bytes = [0; 1 + MAX_PACKET];
+    let whole = packet.bytes();
+    bytes[0] = whole.len() as u8;
+    if let Some(to) = bytes.get_mut(1..=whole.len()) {
+        to.copy_from_slice(whole);
+    }
+    take(bytes.get(..=whole.len()).unwrap_or_default());
 }
 
 #[cfg(test)]
@@ -61,7 +65,7 @@ mod tests {
         ) {
             let packets: Vec<Packet> = payloads.iter().map(|p| Packet::read(p).unwrap()).collect();
             let mut stream = Vec::new();
-            packets.iter().for_each(|packet| join(packet, &mut stream));
+            packets.iter().for_each(|packet| join(packet, |bytes| stream.extend_from_slice(bytes)));
             let (mut joined, mut back, mut bad) = (Joined::default(), Vec::new(), 0);
             for bytes in stream.chunks(chunk) {
                 bad += joined.push(bytes, |packet| back.push(*packet));

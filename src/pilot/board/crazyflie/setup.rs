@@ -68,12 +68,17 @@ pub(crate) struct Setup {
     loco: Option<u8>,
     /// Nothing is written while it flies.
     flies: bool,
+    is_again: bool,
+    /// Only the anchors are asked.
+    anchors_alone: bool,
     /// Of the board.
     pub protocol: Option<u32>,
     pub firmware: String,
     pub ids: Ids,
     /// Where the anchors say they are.
     pub anchors: [Option<AnchorPosition>; ANCHORS as usize],
+    /// They were asked; taken by who tells it.
+    pub anchors_read: bool,
     /// What is not as it must be to fly, with the way out.
     pub refused: Vec<String>,
     /// What else people should know; taken by who tells it.
@@ -91,10 +96,13 @@ impl Default for Setup {
             memories: 0,
             loco: None,
             flies: false,
+            is_again: false,
+            anchors_alone: false,
             protocol: None,
             firmware: String::new(),
             ids: Ids::default(),
             anchors: [None; ANCHORS as usize],
+            anchors_read: false,
             refused: Vec::new(),
             told: Vec::new(),
         }
@@ -102,9 +110,23 @@ impl Default for Setup {
 }
 
 impl Setup {
-    /// Whether everything was asked and answered.
+    /// Whether everything was asked and answered; that anchors are asked again does not count.
     pub fn is_done(&self) -> bool {
-        self.next.is_none()
+        self.next.is_none() || self.anchors_alone
+    }
+
+    /// Whether this is the first time through.
+    pub fn is_first(&self) -> bool {
+        !self.is_again
+    }
+
+    /// Asks the anchors again, where some have not said where they are.
+    pub fn ask_anchors(&mut self) {
+        let asks = self.next.is_none() && self.loco.is_some();
+        if asks && self.anchors.iter().any(Option::is_none) {
+            self.anchors_alone = true;
+            self.go_on(Some(Question::Anchor(0)));
+        }
     }
 
     /// How far it is, for people.
@@ -123,7 +145,8 @@ impl Setup {
     pub fn again(&mut self, flies: bool) {
         self.asked.forget();
         self.next = Some(Question::Protocol);
-        self.flies = flies;
+        self.is_again |= self.read[1].is_some();
+        (self.flies, self.anchors_alone) = (flies, false);
         self.refused.clear();
     }
 
@@ -176,7 +199,7 @@ impl Setup {
                 self.refuse(format!("board does not answer about {GROUP}.{name}: restart it"));
                 return Some(self.setting(n + 1));
             }
-            Question::Memories | Question::Memory(_) | Question::Anchor(_) => Some(Question::Reset),
+            Question::Memories | Question::Memory(_) | Question::Anchor(_) => self.after_anchors(),
             Question::Count(_) | Question::Reset | Question::Fill(..) | Question::Start(_) => {
                 Some(Question::Protocol)
             }
@@ -249,7 +272,7 @@ impl Setup {
             (Question::Set(_) | Question::Value(..), FromBoard::Parameter(answer)) => {
                 self.after_parameter(question, answer)?
             }
-            (_, FromBoard::Memory(answer)) => self.after_memory(question, answer)?,
+            (_, FromBoard::Memory(answer)) => return self.after_memory(question, answer),
             (_, FromBoard::Log(outcome)) => return self.after_log(question, outcome),
             _ => return None,
         };
@@ -363,8 +386,12 @@ impl Setup {
         }
     }
 
-    fn after_memory(&mut self, question: Question, answer: &MemoryAnswer<'_>) -> Option<Question> {
-        match (question, *answer) {
+    fn after_memory(
+        &mut self,
+        question: Question,
+        answer: &MemoryAnswer<'_>,
+    ) -> Option<Option<Question>> {
+        Some(match (question, *answer) {
             (Question::Memories, MemoryAnswer::Count(count)) => {
                 self.memories = count;
                 Some(self.memory(0))
@@ -372,7 +399,7 @@ impl Setup {
             (Question::Memory(n), MemoryAnswer::Info(of, info)) if n == of => {
                 if info.is_some_and(|info| info.kind == loco::TYPE) {
                     self.loco = Some(n);
-                    return Some(Question::Anchor(0));
+                    return Some(Some(Question::Anchor(0)));
                 }
                 Some(self.memory(n.saturating_add(1)))
             }
@@ -381,10 +408,15 @@ impl Setup {
             {
                 let position = outcome.ok().and_then(AnchorPosition::read);
                 *self.anchors.get_mut(usize::from(n))? = position.filter(|of| of.valid);
-                Some(if n + 1 < ANCHORS { Question::Anchor(n + 1) } else { Question::Reset })
+                if n + 1 < ANCHORS { Some(Question::Anchor(n + 1)) } else { self.after_anchors() }
             }
-            _ => None,
-        }
+            _ => return None,
+        })
+    }
+
+    fn after_anchors(&mut self) -> Option<Question> {
+        self.anchors_read = true;
+        (!std::mem::take(&mut self.anchors_alone)).then_some(Question::Reset)
     }
 
     fn memory(&mut self, n: u8) -> Question {
