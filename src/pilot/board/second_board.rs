@@ -172,6 +172,10 @@ impl Board {
 
     /// Why nothing arms with a board that was not found, or says nothing for so long, s.
     pub(crate) fn missing(&self, at: HostTime, silent_s: Option<f64>) -> String {
+        if self.link.is_crazyflie() && silent_s.is_none() {
+            return "no Crazyflie answers: switch it on, end other clients, look at board.address"
+                .to_owned();
+        }
         let other = self.other_speaker(at);
         match (silent_s, self.link.system_id()) {
             (Some(s), Some(id)) if !other.is_empty() => {

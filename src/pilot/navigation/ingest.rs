@@ -104,6 +104,9 @@ impl Navigation {
         out: &mut Out,
         mut fused: impl FnMut(&Tdoa),
     ) {
+        if view.config.tag_protocol != TagProtocol::Crazyflie {
+            return;
+        }
         let place = |id| view.survey.position_E_m(id);
         let reason = match (place(tdoa.anchor_a), place(tdoa.anchor_b)) {
             (Some(a), Some(b)) => {

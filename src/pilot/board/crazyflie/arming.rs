@@ -18,7 +18,7 @@ use super::told::Told;
 const PORT_9: u32 = 12;
 /// An order is sent again after this, µs, and given up after that, s.
 const AGAIN_US: i64 = 400_000;
-const PATIENCE_S: f64 = 3.0;
+const PATIENCE_S: f64 = 5.0;
 /// A board that cannot fly for so long is not armed any more, s: twice the 0.2 s after which one armed itself again.
 const GONE_S: f64 = 0.4;
 /// Motors that still turn so long after a forced disarm are not ours to stop, s.
@@ -30,6 +30,7 @@ struct Order {
     force: bool,
     since: HostTime,
     next_at: HostTime,
+    tries: u32,
 }
 
 /// Gate and order.
@@ -87,7 +88,7 @@ impl Arming {
             self.open = false;
             self.forced_at = force.then_some(at);
         }
-        self.order = Some(Order { arm, force, since: at, next_at: at });
+        self.order = Some(Order { arm, force, since: at, next_at: at, tries: 0 });
     }
 
     /// Bits of a row.
@@ -165,8 +166,11 @@ impl Arming {
         if auto || waits || at < order.next_at {
             return None;
         }
-        self.order = Some(Order { next_at: at.offset_us(AGAIN_US), ..order });
-        Some(if protocol.is_some_and(|number| number >= PORT_9) {
+        self.order =
+            Some(Order { next_at: at.offset_us(AGAIN_US), tries: order.tries + 1, ..order });
+        // Every firmware knows the older order still: where the newer one is not answered it follows.
+        let newer = protocol.is_some_and(|number| number >= PORT_9) && order.tries % 2 == 0;
+        Some(if newer {
             ToBoard::Supervisor(SupervisorRequest::Arm(order.arm))
         } else {
             ToBoard::Platform(PlatformRequest::Arm(order.arm))

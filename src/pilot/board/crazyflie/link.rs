@@ -34,6 +34,8 @@ const FORGOTTEN_S: f64 = 0.95;
 const NO_ROWS_S: [f64; 3] = [0.15, 0.15, 1.5];
 /// It speaks: something came within this, s, five times the period of an echo where half of them are lost.
 const SPEAKS_S: f64 = 0.25;
+/// A setpoint in force that was told so long ago is none, s: one period of its block.
+const OLD_TARGET_S: f64 = 0.1;
 /// Battery and outputs are passed on so often, µs.
 const SLOW_US: i64 = 100_000;
 /// IMU rows in a second: fewer are too few to arm. A radio that loses a tenth of 100 leaves 90.
@@ -58,9 +60,11 @@ pub(crate) struct Crazyflie {
     rows_at: [HostTime; 3],
     /// Board time of the newest row of the IMU, ms.
     imu_ms: u64,
-    /// Rows of the IMU in this second and the last, and when it ends.
-    rows: [u32; 2],
+    /// Rows of the IMU in this second, those of the last whole one, and when this one ends.
+    rows: u32,
+    rows_hz: Option<u32>,
     second_at: HostTime,
+    is_counting: bool,
     slow_at: HostTime,
     anchors_at: HostTime,
     again_at: HostTime,
@@ -124,7 +128,7 @@ impl Crazyflie {
         self.setup.again(self.arming.flies());
         self.tdoa.forget();
         self.again_at = at.offset_us(SECOND_US);
-        self.was_done = false;
+        (self.was_done, self.is_counting, self.rows_hz) = (false, false, None);
     }
 
     fn row(&mut self, at: HostTime, row: &LogRow<'_>, told: &mut Vec<Told>) {
@@ -176,7 +180,8 @@ impl Crazyflie {
                 setpoint: [roll, pitch, yaw, thrust], loco_mode, pressure_mbar, ..
             } => {
                 self.loco_mode = loco_mode;
-                if self.arming.is_open() {
+                // What waited in a silence says nothing about what is in force.
+                if self.arming.is_open() && age_s < OLD_TARGET_S {
                     let target = axes::in_force([roll, pitch, yaw]);
                     told.push(Told::Target(target, thrust / axes::FULL));
                 }
@@ -197,7 +202,7 @@ impl Crazyflie {
             told.push(Told::Lost(steps - 1));
         }
         self.imu_ms = board_ms;
-        self.rows[0] += 1;
+        self.rows += 1;
     }
 
     /// What is not needed a hundred times a second.
@@ -242,9 +247,11 @@ impl Crazyflie {
     pub fn tick(&mut self, at: HostTime, out: &mut Outbox, told: &mut Vec<Told>) {
         if at >= self.second_at {
             self.second_at = at.offset_us(SECOND_US);
-            self.rows = [0, self.rows[0]];
+            let rows = std::mem::take(&mut self.rows);
+            self.rows_hz = Some(rows).filter(|_| self.is_counting);
+            self.is_counting = self.was_done;
         }
-        self.look_for_rows(at);
+        self.look_for_rows(at, told);
         self.tell_setup(at, told);
         send(self.trips.due(at), out);
         self.ask(at, out);
@@ -259,15 +266,18 @@ impl Crazyflie {
     }
 
     /// Rows that do not come though the board speaks are no longer asked for.
-    fn look_for_rows(&mut self, at: HostTime) {
+    fn look_for_rows(&mut self, at: HostTime, told: &mut Vec<Told>) {
         let speaks = self.trips.silent_s(at) < SPEAKS_S;
         if !(self.was_done && speaks && at >= self.again_at) {
             return;
         }
-        let since = self.trips.talks_since();
+        // Counted to what was heard last: in a silence nothing has stopped.
+        let (since, heard_at) = (self.trips.talks_since(), self.trips.heard_at());
         let blocks = (0..).zip(self.rows_at).zip(NO_ROWS_S);
         let mut made = blocks.filter(|((block, _), _)| self.setup.ids.part(*block, 0).is_some());
-        if made.any(|((_, rows_at), most_s)| at.seconds_since(rows_at.max(since)) > most_s) {
+        if made.any(|((_, rows_at), most_s)| heard_at.seconds_since(rows_at.max(since)) > most_s) {
+            let text = "board's rows have stopped though it speaks: they are asked for again; is another client connected?";
+            told.push(Told::warning(text));
             self.begin_again(at);
         }
     }
@@ -370,10 +380,12 @@ impl Crazyflie {
                     .to_owned(),
             );
         }
-        (self.rows[1] < LEAST_ROWS).then(|| {
+        let Some(rows_hz) = self.rows_hz else {
+            return Some("board has just begun to send its rows: wait a second".to_owned());
+        };
+        (rows_hz < LEAST_ROWS).then(|| {
             format!(
-                "board sends its IMU at {} Hz, at least {LEAST_ROWS} needed: its radio is too slow or too far away",
-                self.rows[1]
+                "board sends its IMU at {rows_hz} Hz, at least {LEAST_ROWS} needed: its radio is too slow or too far away"
             )
         })
     }
@@ -388,5 +400,60 @@ const _: () = assert!(ANCHORS == 8, "blocks.rs names the differences of eight");
 fn send(packet: Option<Packet>, out: &mut Outbox) {
     if let Some(packet) = packet {
         join(&packet, |bytes| out.raw(LinkId::Board, bytes));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use haltere_dialect::crtp::platform::PlatformRequest;
+    use proptest::prelude::*;
+
+    fn at(ms: u64) -> HostTime {
+        HostTime::from_us(1_000_000 + 1_000 * ms)
+    }
+
+    /// Requests and setpoints that wait to be sent.
+    fn sent(out: &mut Outbox) -> Vec<Packet> {
+        let mut all = Vec::new();
+        out.drain(|_, bytes| {
+            Joined::default().push(bytes, |packet| all.push(*packet));
+        });
+        all
+    }
+
+    #[test]
+    fn prop_who_does_not_know_the_board_sends_it_no_setpoint() {
+        let (mut board, mut out, mut told) = (Crazyflie::default(), Outbox::default(), Vec::new());
+        for ms in (0..500).step_by(10) {
+            board.setpoint(at(ms), Rot::identity(), 0.5, &mut out);
+            board.tick(at(ms), &mut out, &mut told);
+        }
+        let packets = sent(&mut out);
+        let requests: Vec<_> =
+            packets.iter().map(|packet| ToBoard::decode(packet).unwrap()).collect();
+        assert!(requests.contains(&ToBoard::Platform(PlatformRequest::Protocol)));
+        assert!(
+            !requests.iter().any(|request| matches!(request, ToBoard::Setpoint(_))),
+            "{requests:?}"
+        );
+        assert_eq!(told, []);
+    }
+
+    proptest! {
+        #[test]
+        fn prop_no_bytes_can_harm(
+            packets in prop::collection::vec(prop::collection::vec(any::<u8>(), 1..=31), 0..60),
+        ) {
+            let (mut board, mut out, mut told) =
+                (Crazyflie::default(), Outbox::default(), Vec::new());
+            for (ms, packet) in (0..).zip(packets) {
+                let mut bytes = vec![packet.len() as u8];
+                bytes.extend(packet);
+                board.hear(at(7 * ms), &bytes, &mut out, &mut told);
+                board.tick(at(7 * ms), &mut out, &mut told);
+                board.command_arm(ms % 2 == 0, ms % 3 == 0, at(7 * ms));
+            }
+        }
     }
 }

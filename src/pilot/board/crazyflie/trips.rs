@@ -67,6 +67,11 @@ impl Trips {
         self.heard_at.map_or(f64::INFINITY, |t| at.seconds_since(t))
     }
 
+    /// When something came last.
+    pub fn heard_at(&self) -> HostTime {
+        self.heard_at.unwrap_or_default()
+    }
+
     /// Since when it has spoken without a silence.
     pub fn talks_since(&self) -> HostTime {
         self.talks_since
