@@ -157,7 +157,7 @@ pub fn serve(options: &Options) -> Result<bool> {
         options.truth.as_deref().map(|path| TruthFile::create(path, &inputs)).transpose()?;
     let greeting = json!({
         "tag": tag.device(),
-        "tag_protocol": scenario.companion_keys().1,
+        "tag_protocol": scenario.companion_protocol(),
         "board": board.companion_address(),
         "board_own": board.own_address(),
         "json_physics": options.json_physics,

@@ -16,6 +16,7 @@ use super::udp::{
 };
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
+use haltere_dialect::crtp::packet::MAX_PACKET;
 use haltere_pilot::settings::HostPort;
 
 /// A peer that was silent for so long is forgotten, s.
@@ -61,6 +62,8 @@ enum Far {
     Heard(Peers),
     /// One place, which may stand for many.
     Fixed { peer: SocketAddr, many: bool, told: bool },
+    /// A Crazyflie.
+    Packets(SocketAddr),
 }
 
 /// Serves a bound socket until the output or the companion ends; answers whom the core means, of those it heard
@@ -70,20 +73,33 @@ pub(super) fn listen(socket: &UdpSocket, inbox: &Inbox, output: Mailbox) {
 }
 
 /// Serves `udpout` until the output or the companion ends; looks the name up until that works.
-pub(super) fn send_to(to: &HostPort, inbox: &Inbox, mut output: Mailbox) {
+pub(super) fn send_to(to: &HostPort, inbox: &Inbox, output: Mailbox) {
+    open_and_talk(to, inbox, output, |peer| Far::Fixed {
+        peer,
+        many: is_for_many(peer),
+        told: false,
+    });
+}
+
+/// The same to a Crazyflie: a datagram is a packet, of which the core has the length before it.
+pub(super) fn send_packets_to(to: &HostPort, inbox: &Inbox, output: Mailbox) {
+    open_and_talk(to, inbox, output, Far::Packets);
+}
+
+fn open_and_talk(
+    to: &HostPort,
+    inbox: &Inbox,
+    mut output: Mailbox,
+    far: impl Fn(SocketAddr) -> Far,
+) {
     let mut told = false;
     while !inbox.stopped() {
         match open(to) {
             Ok((socket, peer)) => {
-                return talk(
-                    &socket,
-                    inbox,
-                    output,
-                    Far::Fixed { peer, many: is_for_many(peer), told: false },
-                );
+                return talk(&socket, inbox, output, far(peer));
             }
             Err(error) if !told => {
-                tracing::warn!("udpout:{to}: {error}; trying again until it works");
+                tracing::warn!("{to}: {error}; trying again until it works");
                 told = true;
             }
             Err(_) => {}
@@ -150,6 +166,18 @@ impl Far {
             // What stands for many is left as soon as the core knows whom it means.
             Self::Fixed { peer, many: true, .. } => to_one(to.unwrap_or(*peer)),
             Self::Fixed { peer, many: false, .. } => to_one(*peer),
+            Self::Packets(peer) => {
+                let mut rest = &bytes[..];
+                while let Some((packet, later)) = rest
+                    .split_first()
+                    .and_then(|(len, rest)| rest.split_at_checked(usize::from(*len)))
+                {
+                    if !send(socket, packet, *peer) {
+                        inbox.lost(DropReason::LinkWriteFailed);
+                    }
+                    rest = later;
+                }
+            }
         }
     }
 
@@ -169,6 +197,19 @@ impl Far {
                     tell_stranger(inbox, from, *peer);
                 }
                 welcome
+            }
+            Self::Packets(peer) => {
+                let mut packet = [0; 1 + MAX_PACKET];
+                let place = packet.get_mut(1..=bytes.len());
+                if let (true, Some(place)) = (from == *peer && !bytes.is_empty(), place) {
+                    place.copy_from_slice(bytes);
+                    packet[0] = bytes.len() as u8;
+                    // Without the address: nobody else can be the board here.
+                    inbox.bytes(at, packet.get(..=bytes.len()).unwrap_or_default());
+                } else {
+                    inbox.lost(DropReason::MavWrongPeer);
+                }
+                return;
             }
         };
         if welcome {

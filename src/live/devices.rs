@@ -46,6 +46,11 @@ pub(super) fn spawn(
                 datagrams::listen(&socket, &inbox, output);
             })
         }
+        Port::Nothing => return Ok(Vec::new()),
+        Port::CrtpUdp(to) => thread.spawn(move || {
+            hurry(urgency);
+            datagrams::send_packets_to(&to, &inbox, output);
+        }),
         Port::UdpOut(to) => thread.spawn(move || {
             hurry(urgency);
             datagrams::send_to(&to, &inbox, output);

@@ -60,7 +60,7 @@ use crate::watch::{Feed, Watch, WatchError};
 use haltere_core::topics::Topic;
 use haltere_log::record::{BuildIdentity, Limits, RecordError, Recorder, RecorderSummary, Session};
 use haltere_pilot::settings::{Address, Config, HostPort, TagPort};
-use haltere_pilot::{LinkId, Look, Pilot, Quantity};
+use haltere_pilot::{LinkId, Look, Pilot, Quantity, TagProtocol};
 
 /// Largest piece that goes out: a MAVLink frame with a signature, and some.
 const OUT_BYTES: usize = mav_stream::MAX_FRAME + 24;
@@ -148,8 +148,12 @@ enum Port {
     Serial(serial::Device, u32),
     UdpIn(UdpSocket),
     UdpOut(HostPort),
+    /// A Crazyflie there, a packet a datagram.
+    CrtpUdp(HostPort),
     TcpIn(TcpListener),
     TcpOut(HostPort),
+    /// No link: the tag is a deck of the board.
+    Nothing,
 }
 
 /// Runs the companion until `stop` or a defect ends it.
@@ -381,7 +385,11 @@ async fn open_ports(loaded: &Loaded) -> Result<Vec<(Port, Vec<LinkId>)>, LiveErr
         TagPort::Auto => serial::Device::AutoTag,
         TagPort::Device(path) => serial::Device::Path(path.clone()),
     };
-    let mut ports = vec![(Port::Serial(device, config.tag.baud), vec![LinkId::Tag])];
+    let tag = match config.tag.protocol {
+        TagProtocol::Crazyflie => Port::Nothing,
+        TagProtocol::LpsSniffer | TagProtocol::Mavlink => Port::Serial(device, config.tag.baud),
+    };
+    let mut ports = vec![(tag, vec![LinkId::Tag])];
     let board = open_port("board.address".into(), &config.board.address).await?;
     ports.push((board, vec![LinkId::Board]));
     let mut next = 0..;
@@ -401,6 +409,7 @@ async fn open_port(key: String, address: &Address) -> Result<Port, LiveError> {
         Address::TcpIn(at) => Port::TcpIn(tcp::bind(at).await.map_err(refused)?),
         Address::UdpOut(to) => Port::UdpOut(to.clone()),
         Address::TcpOut(to) => Port::TcpOut(to.clone()),
+        Address::CrtpUdp(to) => Port::CrtpUdp(to.clone()),
         Address::Serial { device, baud } => {
             Port::Serial(serial::Device::Path(device.clone()), *baud)
         }
@@ -428,6 +437,8 @@ fn start_link(
         Port::TcpIn(listener) => links.spawn(stations::serve(listener, inboxes, output)),
         Port::UdpOut(to) => links.spawn(udp::send_to(to, inbox, output)),
         Port::TcpOut(to) => links.spawn(tcp::connect(to, inbox, output)),
+        // Of the board alone.
+        Port::CrtpUdp(_) | Port::Nothing => return Ok(Vec::new()),
     };
     Ok(Vec::new())
 }

@@ -169,6 +169,8 @@ pub enum TagProtocol {
     LpsSniffer,
     /// A tag that computes TDOA itself and sends `UWB_TDOA`.
     Mavlink,
+    /// A Loco deck on the Crazyflie that is the board: it has no line of its own.
+    Crazyflie,
 }
 
 impl NoNumber for TagProtocol {}
@@ -187,6 +189,8 @@ pub enum BoardProfile {
     Px4,
     /// ArduPilot's copter in GUIDED_NOGPS.
     Ardupilot,
+    /// A Crazyflie or a Flapper's own board, over CRTP.
+    Crazyflie,
 }
 
 haltere_core::keys! {

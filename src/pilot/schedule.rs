@@ -56,7 +56,7 @@ impl Act<'_> {
         let longest_s = self.config.supervisor.loop_gap_s;
         self.flight.supervisor.punctuality.step(at, pause_s, late_s > MISS_S, longest_s);
         self.note_pause(at, pause_s);
-        self.flight.supervisor.punctuality.board_clock(at, self.board.link.clock().restarts());
+        self.flight.supervisor.punctuality.board_clock(at, self.board.link.clock_restarts());
         self.clock.last_tick = Some(at);
         self.clock.control_steps += 1;
         self.out.is_starting = self.clock.control_steps < FIRST_STEPS;

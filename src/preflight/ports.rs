@@ -63,6 +63,9 @@ fn listed(usb: &[UsbSerial]) -> String {
 
 fn tag(config: &Config, usb: &[UsbSerial]) -> Vec<Finding> {
     let key = "tag.port";
+    if config.tag.protocol == TagProtocol::Crazyflie {
+        return vec![Finding::ok("tag.protocol", "the Loco deck of the board: no port")];
+    }
     match &config.tag.port {
         TagPort::Auto => {
             let tags: Vec<_> = usb.iter().filter(|usb| usb.is_tag()).collect();
@@ -122,7 +125,9 @@ fn address(key: &str, address: &Address, usb: &[UsbSerial]) -> Vec<Finding> {
             Ok(_) => Finding::ok(key, format!("{address}: free")),
             Err(error) => taken(error),
         },
-        Address::UdpOut(to) | Address::TcpOut(to) => resolves(key, address, to),
+        Address::UdpOut(to) | Address::TcpOut(to) | Address::CrtpUdp(to) => {
+            resolves(key, address, to)
+        }
     }]
 }
 

@@ -17,7 +17,7 @@ use crate::sources::Loaded;
 use haltere_core::time::HostTime;
 use haltere_log::record::{Decoded, Entry, LogReader, RawInput};
 use haltere_pilot::settings::StoreConfig;
-use haltere_pilot::{Lines, LinkId, Look, Quantity, TagProtocol};
+use haltere_pilot::{BoardProfile, Lines, LinkId, Look, Quantity, TagProtocol};
 
 /// Time in which links open and streams begin, s; it is not counted.
 const SETTLE_S: f64 = 2.0;
@@ -27,6 +27,8 @@ const LEAST_ANCHOR_HZ: f64 = 10.0;
 const LEAST_IMU_HZ: f64 = 100.0;
 const LEAST_ATTITUDE_HZ: f64 = 50.0;
 const LEAST_BATTERY_HZ: f64 = 2.0;
+/// Of a Crazyflie's rows at 100 Hz, of which a radio may lose some.
+const CRAZYFLIE_IMU_HZ: f64 = 80.0;
 /// The board's clock is good enough when known to this, s: a fifth of a control period.
 const CLOCK_S: f64 = 0.002;
 
@@ -37,6 +39,8 @@ struct Heard {
     tag_bytes: u64,
     board_bytes: u64,
     anchors: BTreeMap<u8, u64>,
+    /// Time differences with this anchor in them.
+    differences: BTreeMap<u8, u64>,
     imu: u64,
     attitude: u64,
     battery: u64,
@@ -81,6 +85,9 @@ fn listen(loaded: &Loaded, seconds: f64, directory: PathBuf) -> Result<Heard, St
     let path = summary.log.ok_or("no log was written")?;
     let log = LogReader::open(path).map_err(|error| error.to_string())?;
     let mut heard = count(&log, quiet.config.tag.protocol);
+    if quiet.config.tag.protocol == TagProtocol::Crazyflie {
+        heard.anchors = std::mem::take(&mut heard.differences);
+    }
     heard.late = Some((summary.late_wake_ups, summary.wake_ups));
     heard.at_rest = summary.at_rest;
     Ok(heard)
@@ -120,6 +127,7 @@ fn count(log: &LogReader, protocol: TagProtocol) -> Heard {
                                     add(m.anchor_b);
                                 }
                             }),
+                            TagProtocol::Crazyflie => {}
                         }
                     }
                     LinkId::Board => {
@@ -162,6 +170,10 @@ fn decoded_one(heard: &mut Heard, decoded: &Decoded, begin: HostTime) {
         Decoded::Imu(_) => heard.imu += 1,
         Decoded::BoardAttitude(_) => heard.attitude += 1,
         Decoded::Battery(_) => heard.battery += 1,
+        Decoded::Uwb(uwb) => {
+            let ids = [uwb.anchor_a, uwb.anchor_b].map(|id| u8::try_from(id).unwrap_or(u8::MAX));
+            ids.iter().for_each(|id| *heard.differences.entry(*id).or_default() += 1);
+        }
         _ => {}
     }
 }
@@ -178,7 +190,9 @@ fn judge(loaded: &Loaded, heard: &Heard) -> Vec<Finding> {
     if misplaced.is_none() || has_anchors {
         findings.extend(tag(loaded, heard));
     }
-    if misplaced.is_none() || heard.heartbeats > 0 {
+    if loaded.config.board.profile == BoardProfile::Crazyflie {
+        findings.extend(crazyflie(heard));
+    } else if misplaced.is_none() || heard.heartbeats > 0 {
         findings.extend(board(heard));
     }
     findings.extend(heard.at_rest.iter().filter_map(|(row, look)| at_rest(row, look)));
@@ -256,6 +270,32 @@ fn tag(loaded: &Loaded, heard: &Heard) -> Vec<Finding> {
             format!("{:.1} packets/s, and it is not in the anchor file: not used", hz(*id)),
             "measure its place and add it to the anchor file",
         ));
+    }
+    findings
+}
+
+/// What the link to it would let nobody arm with, and its rates.
+fn crazyflie(heard: &Heard) -> Vec<Finding> {
+    let row = heard.at_rest.iter().find(|(row, _)| row.name == "board");
+    let mut findings = vec![match row {
+        Some((_, Look::Refused(why))) => {
+            Finding::problem("board", why, "docs/CRAZYFLIE.md, Set-up")
+        }
+        _ => Finding::ok("board", "a Crazyflie that can be armed"),
+    }];
+    for (what, n, least_hz) in [
+        ("inertial", heard.imu, CRAZYFLIE_IMU_HZ),
+        ("attitude", heard.attitude, CRAZYFLIE_IMU_HZ),
+        ("battery", heard.battery, LEAST_BATTERY_HZ),
+    ] {
+        let (what, hz) = (format!("board: {what}"), n as f64 / heard.span_s);
+        let text = format!("{hz:.0} Hz, at least {least_hz:.0} needed");
+        findings.push(if hz < least_hz {
+            let way_out = "go nearer with the dongle, take another channel, or 2M";
+            Finding::problem(what, text, way_out)
+        } else {
+            Finding::ok(what, text)
+        });
     }
     findings
 }

@@ -27,8 +27,9 @@ impl Wiring<'_> {
     /// Writes configuration and anchors into `folder`; the path of the former.
     pub fn write(&self, folder: &Path, scenario: &Scenario, by: &str) -> Result<PathBuf> {
         let gear_m = Vehicle::default().body.gear_m;
-        let profile = scenario.companion_keys().0;
-        let profile = profile.map(|name| format!("profile = \"{name}\"\n")).unwrap_or_default();
+        let profile = scenario.companion_board();
+        let profile =
+            profile.map(|[name, _]| format!("profile = \"{name}\"\n")).unwrap_or_default();
         let mut config = String::new();
         let _ = write!(
             config,

@@ -248,13 +248,19 @@ impl Scenario {
         Ok(EffectSet::from_config(&self.effects)?)
     }
 
-    /// What the companion has to write into `board.profile`, where it cannot find out, and into `tag.protocol`.
-    pub fn companion_keys(&self) -> (Option<&'static str>, &'static str) {
+    /// What the companion has to write into `tag.protocol`.
+    pub fn companion_protocol(&self) -> &'static str {
         match (self.board.firmware, self.tag.protocol) {
-            (Firmware::Crazyflie, _) => (Some("crazyflie"), "crazyflie"),
-            (_, TagProtocol::Tdoa2 | TagProtocol::Tdoa3) => (None, "lps-sniffer"),
-            (_, TagProtocol::Mavlink) => (None, "mavlink"),
+            (Firmware::Crazyflie, _) => "crazyflie",
+            (_, TagProtocol::Tdoa2 | TagProtocol::Tdoa3) => "lps-sniffer",
+            (_, TagProtocol::Mavlink) => "mavlink",
         }
+    }
+
+    /// What it has to write into `board.profile` where it cannot find out, with an address where such a board may be.
+    pub fn companion_board(&self) -> Option<[&'static str; 2]> {
+        let is_one = self.board.firmware == Firmware::Crazyflie;
+        is_one.then_some(["crazyflie", "crtpudp:127.0.0.1:19850"])
     }
 
     /// The board.

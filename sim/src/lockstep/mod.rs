@@ -133,9 +133,10 @@ fn configuration(options: &Options, scenario: &Scenario) -> Result<Loaded> {
             "store.directory=\"\"".to_owned(),
             format!("board.north_offset_deg={:?}", scenario.told.north_offset_deg(0.0)),
         ];
-        if let (Some(profile), protocol) = scenario.companion_keys() {
+        if let Some([profile, address]) = scenario.companion_board() {
             overrides.push(format!("board.profile={profile:?}"));
-            overrides.push(format!("tag.protocol={protocol:?}"));
+            overrides.push(format!("board.address={address:?}"));
+            overrides.push(format!("tag.protocol={:?}", scenario.companion_protocol()));
         }
         if let Some(origin) = &scenario.origin {
             overrides.push(format!("ground.origin={}", toml::Value::try_from(origin)?));

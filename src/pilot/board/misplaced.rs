@@ -124,6 +124,10 @@ impl Board {
         protocol: TagProtocol,
         out: &mut Out,
     ) {
+        // What CRTP says to ears for other languages is nothing.
+        if self.link.is_crazyflie() {
+            return;
+        }
         let is_new = match link {
             LinkId::Tag if last_fused.is_none_or(|t| at.seconds_since(t) > SILENCE_S) => {
                 self.lines.tag.hear(bytes)

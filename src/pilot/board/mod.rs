@@ -1,5 +1,6 @@
 //! The inner-loop board: the link to it, who else speaks there, and what it last said.
 
+mod crazyflie;
 pub(crate) mod down;
 pub(crate) mod link;
 pub(crate) mod misplaced;

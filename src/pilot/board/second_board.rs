@@ -29,6 +29,11 @@ pub(crate) enum Came {
 impl Board {
     /// Takes bytes of its link in, of which the sender was told.
     pub(crate) fn bytes(&mut self, at: HostTime, mode: Mode, bytes: &[u8], out: &mut Out) -> Came {
+        if self.link.is_crazyflie() {
+            let drops = &mut out.drops[usize::from(LinkId::Board.number())];
+            self.link.packets(at, bytes, &mut out.outbox, drops, &mut self.news);
+            return Came::Frames;
+        }
         match self.peers.other(at) {
             Ok(None) => {
                 self.bytes_at = at;
@@ -167,6 +172,10 @@ impl Board {
 
     /// Why nothing arms with a board that was not found, or says nothing for so long, s.
     pub(crate) fn missing(&self, at: HostTime, silent_s: Option<f64>) -> String {
+        if self.link.is_crazyflie() && silent_s.is_none() {
+            return "no Crazyflie answers: switch it on, end other clients, look at board.address"
+                .to_owned();
+        }
         let other = self.other_speaker(at);
         match (silent_s, self.link.system_id()) {
             (Some(s), Some(id)) if !other.is_empty() => {

@@ -72,6 +72,8 @@ impl Navigation {
                     }
                 }
             }
+            // Its deck speaks on the board's line.
+            TagProtocol::Crazyflie => {}
         }
         if !tdoas.is_empty() {
             self.tag.asked_at = at;
@@ -91,6 +93,31 @@ impl Navigation {
         if self.tag.is_up && silent && view.config.tag_protocol == TagProtocol::LpsSniffer {
             self.tag.asked_at = at;
             out.raw(LinkId::Tag, SNIFFER_BINARY);
+        }
+    }
+
+    /// A measurement of a deck of the board.
+    pub(crate) fn board_tdoa(
+        &mut self,
+        view: &View<'_>,
+        tdoa: &Tdoa,
+        out: &mut Out,
+        mut fused: impl FnMut(&Tdoa),
+    ) {
+        if view.config.tag_protocol != TagProtocol::Crazyflie {
+            return;
+        }
+        let place = |id| view.survey.position_E_m(id);
+        let reason = match (place(tdoa.anchor_a), place(tdoa.anchor_b)) {
+            (Some(a), Some(b)) => {
+                let most_m = (b - a).norm() + view.config.uwb.impossible_margin_m;
+                (tdoa.distance_diff_m.abs() > most_m).then_some(DropReason::UwbImpossible)
+            }
+            _ => Some(DropReason::UwbUnknownAnchor),
+        };
+        match reason {
+            Some(reason) => out.lose(LinkId::Tag, reason, 1),
+            None => self.fuse_tdoa(view, tdoa, out, &mut fused),
         }
     }
 

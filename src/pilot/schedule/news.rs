@@ -2,6 +2,8 @@
 
 use haltere_dialect::mav::haltere::MavResult;
 
+use haltere_core::frames::{U, Vec3, survey_from_earth};
+use haltere_core::measure::{AnchorId, Tdoa};
 use haltere_core::time::HostTime;
 use haltere_core::topics::Topic;
 
@@ -17,6 +19,8 @@ use crate::view::view;
 /// Higher than this by our height the vehicle is in the air, m: from there it falls at 1.4 m/s, and as much more as
 /// the height is wrong by near the floor is still no more than 2 m/s.
 const AIR_M: f64 = 0.1;
+/// Anchors that say they stand farther than this from where they were surveyed are told, m.
+const ANCHOR_OFF_M: f64 = 0.1;
 
 impl Act<'_> {
     pub(crate) fn board_bytes(&mut self, at: HostTime, bytes: &[u8]) {
@@ -96,6 +100,13 @@ impl Act<'_> {
                 self.navigation.estimator.reference(&pose); // fuses only if it is configured to
                 self.out.record(|| Topic::Reference(pose));
             }
+            BoardNews::Tdoa(tdoa) => {
+                let view = view!(self, at);
+                let resumption = &mut self.flight.resumption;
+                let fused = |tdoa: &Tdoa| resumption.uwb(tdoa.valid_at);
+                self.navigation.board_tdoa(&view, &tdoa, self.out, fused);
+            }
+            BoardNews::Anchors(told_m) => self.compare_anchors(at, &told_m),
             BoardNews::Found { system_id, firmware } => {
                 let name = firmware.name();
                 let text = format!("board found, system id {system_id}, flown as {name}");
@@ -150,6 +161,28 @@ impl Act<'_> {
                     self.flight.supervisor.heard.board_gap_s = Some(silent_s);
                 }
             }
+        }
+    }
+
+    /// Anchors say where they stand: the survey may be of another room, or an anchor was moved. We fly by the survey.
+    fn compare_anchors(&mut self, at: HostTime, told_m: &[Option<[f32; 3]>; 8]) {
+        let mut off = Vec::new();
+        for (id, told_m) in (0..).zip(told_m) {
+            let Some(surveyed) = self.survey.position_E_m(AnchorId(id)) else { continue };
+            let Some(told_m) = told_m.map(|of| Vec3::<U>::from_array(of.map(f64::from))) else {
+                continue;
+            };
+            let off_m = (survey_from_earth(surveyed) - told_m).norm();
+            if off_m > ANCHOR_OFF_M {
+                off.push(format!("{id} by {off_m:.1} m"));
+            }
+        }
+        if !off.is_empty() {
+            let text = format!(
+                "anchors say that they stand elsewhere than the survey has them: {}; flown by the survey",
+                off.join(", ")
+            );
+            self.out.say(at, Severity::Warning, text);
         }
     }
 

@@ -283,7 +283,7 @@ impl Act<'_> {
             control_steps: self.clock.control_steps,
             uwb_age_s: self.navigation.last_fused.map(|t| at.seconds_since(t)),
             imu_age_s: self.navigation.last_imu.map(|t| at.seconds_since(t)),
-            std_board_clock_s: self.board.link.clock().std_s(),
+            std_board_clock_s: self.board.link.std_clock_s(),
             left_out: self.navigation.estimator.left_out_bits(),
         };
         self.out.record(|| Topic::Health(record));

@@ -13,7 +13,7 @@ const BAUD_RANGE: std::ops::RangeInclusive<u32> = 9_600..=12_000_000;
 
 /// What every message about an address ends with.
 const FORMS: &str = "udpin:HOST:PORT, udpout:HOST:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT or \
-                     serial:DEVICE:BAUD";
+                     serial:DEVICE:BAUD; for a Crazyflie crtpudp:HOST:PORT";
 
 /// Where a link leads.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -27,6 +27,8 @@ pub enum Address {
     TcpIn(HostPort),
     /// Connect there.
     TcpOut(HostPort),
+    /// A Crazyflie there, one packet of CRTP a datagram.
+    CrtpUdp(HostPort),
     /// A serial device.
     Serial {
         /// Path of the device.
@@ -64,6 +66,12 @@ pub enum AddressError {
         /// What stands in the place of the port.
         port: String,
     },
+    /// A way to a Crazyflie for which there is no driver.
+    #[error(
+        "{0:?}: a driver for {1} is not built yet: reach the Crazyflie by crtpudp:HOST:PORT, through a program that \
+         passes its packets on"
+    )]
+    NotBuilt(String, &'static str),
     /// Not a speed.
     #[error("{address:?}: speed {baud:?}, allowed {} to {} baud", BAUD_RANGE.start(), BAUD_RANGE.end())]
     Baud {
@@ -82,6 +90,7 @@ impl Address {
             Address::TcpIn(at) => format!("TCP port {}", at.port),
             Address::UdpOut(to) => format!("UDP to {to}"),
             Address::TcpOut(to) => format!("TCP to {to}"),
+            Address::CrtpUdp(to) => format!("the Crazyflie at {to}"),
             Address::Serial { device, .. } => device.display().to_string(),
         }
     }
@@ -98,7 +107,7 @@ impl Address {
             Address::UdpOut(to) => format!("udpin:{to}"),
             Address::TcpIn(at) => format!("tcp:{}", place(at)),
             Address::TcpOut(to) => format!("tcpin:{to}"),
-            Address::Serial { .. } => self.to_string(),
+            Address::CrtpUdp(_) | Address::Serial { .. } => self.to_string(),
         }
     }
 }
@@ -125,6 +134,9 @@ impl FromStr for Address {
             "udpout" => network().map(Address::UdpOut),
             "tcpin" => network().map(Address::TcpIn),
             "tcpout" => network().map(Address::TcpOut),
+            "crtpudp" => network().map(Address::CrtpUdp),
+            "radio" => Err(AddressError::NotBuilt(text.into(), "the Crazyradio")),
+            "crtpusb" => Err(AddressError::NotBuilt(text.into(), "a Crazyflie's USB")),
             "serial" => {
                 // Names below /dev/serial/by-path hold colons: the last one counts.
                 let (device, baud) =
@@ -165,6 +177,7 @@ impl fmt::Display for Address {
             Address::UdpOut(to) => write!(f, "udpout:{to}"),
             Address::TcpIn(at) => write!(f, "tcpin:{at}"),
             Address::TcpOut(to) => write!(f, "tcpout:{to}"),
+            Address::CrtpUdp(to) => write!(f, "crtpudp:{to}"),
             Address::Serial { device, baud } => write!(f, "serial:{}:{baud}", device.display()),
         }
     }
@@ -205,6 +218,7 @@ mod tests {
             "udpout:ground.local:14550",
             "tcpin:[::]:5760",
             "tcpout:10.0.0.2:5760",
+            "crtpudp:127.0.0.1:19850",
             "serial:/dev/ttyAMA0:921600",
             "serial:/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0:115200",
         ] {
@@ -228,6 +242,8 @@ mod tests {
         check("udpin::14550", "lacks a host or a port");
         check("udpout:127.0.0.1:0", "port \"0\", allowed 1 to 65535");
         check("tcpin:0.0.0.0:70000", "port \"70000\", allowed 1 to 65535");
+        check("radio:0/80/2M/E7E7E7E7E7", "a driver for the Crazyradio is not built yet");
+        check("crtpusb:auto", "not built yet");
         check("serial:/dev/ttyUSB0", "lacks a host or a port: allowed");
         check("serial:/dev/ttyUSB0:fast", "speed \"fast\", allowed 9600 to 12000000 baud");
         check("serial:/dev/ttyUSB0:0", "speed \"0\"");

@@ -228,7 +228,10 @@ impl GroundConfig {
                 gps: endpoint.gps.unwrap_or(self.gps),
                 stations: match endpoint.address {
                     Address::UdpIn(_) | Address::TcpIn(_) => MOST_STATIONS,
-                    Address::UdpOut(_) | Address::TcpOut(_) | Address::Serial { .. } => 1,
+                    Address::UdpOut(_)
+                    | Address::TcpOut(_)
+                    | Address::CrtpUdp(_)
+                    | Address::Serial { .. } => 1,
                 },
                 line_Bps: endpoint.bytes_per_s.or(match endpoint.address {
                     Address::Serial { baud, .. } => Some(f64::from(baud) / BITS_PER_BYTE),

@@ -27,7 +27,7 @@ pub use sections::{
 pub use signing::{Doors, SigningConfig};
 pub use watch::{WatchAddress, WatchConfig};
 
-use crate::config::{FlightConfig, LimitsConfig, PilotConfig};
+use crate::config::{BoardProfile, FlightConfig, LimitsConfig, PilotConfig, TagProtocol};
 use crate::flight::supervisor::SupervisorConfig;
 use crate::navigation::uwb::UwbConfig;
 use haltere_core::checks::Problems;
@@ -99,6 +99,35 @@ impl Config {
             }
         }
         self.check_signing(problems);
+        self.check_crazyflie(problems);
+    }
+
+    /// Profile, address and tag of a Crazyflie belong together.
+    fn check_crazyflie(&self, problems: &mut Problems) {
+        let is_one = self.board.profile == BoardProfile::Crazyflie;
+        let speaks = matches!(self.board.address, Address::CrtpUdp(_));
+        if is_one != speaks {
+            problems.say(format!(
+                "board.address = \"{}\": crtpudp:HOST:PORT goes with board.profile = \"crazyflie\", and with no other",
+                self.board.address
+            ));
+        }
+        if self.tag.protocol == TagProtocol::Crazyflie && !is_one {
+            problems.say(
+                "tag.protocol = \"crazyflie\": the Loco deck of a board, with board.profile = \"crazyflie\" alone",
+            );
+        }
+        if is_one && self.flight.shadow {
+            problems.say(
+                "flight.shadow: nobody can watch beside another client of a Crazyflie, whose log blocks would go",
+            );
+        }
+        let ground = self.ground.endpoints.iter().enumerate();
+        for (i, _) in ground.filter(|(_, of)| matches!(of.address, Address::CrtpUdp(_))) {
+            problems.say(format!(
+                "ground.endpoints[{i}]: crtpudp leads to a Crazyflie, not to a station"
+            ));
+        }
     }
 
     /// The part that the pilot core is told.

@@ -16,7 +16,8 @@ haltere_core::keys! {
         /// Device of the UWB tag, for example "/dev/ttyACM0". "auto" takes the first USB device that says it is a Loco
         /// Positioning Node (0483:5740).
         port: TagPort = TagPort::Auto;
-        /// "lps-sniffer": a Loco Positioning Node in sniffer mode. "mavlink": a tag that sends UWB_TDOA.
+        /// "lps-sniffer": a Loco Positioning Node in sniffer mode. "mavlink": a tag that sends UWB_TDOA. "crazyflie": the
+        /// Loco deck of a Crazyflie that is the board; it has no port.
         protocol: TagProtocol = TagProtocol::default();
         /// Speed of the line. A sniffer on USB ignores it.
         baud: u32 = 921_600, [9_600.0..=12_000_000.0, "baud"];
@@ -70,10 +71,11 @@ haltere_core::keys! {
     /// `[board]`: the inner-loop board.
     pub struct BoardConfig {
         /// The inner-loop board: serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:HOST:PORT, tcpin:HOST:PORT or
-        /// tcpout:HOST:PORT.
+        /// tcpout:HOST:PORT; a Crazyflie: crtpudp:HOST:PORT.
         address: Address = Address::Serial { device: "/dev/serial0".into(), baud: 921_600 };
         /// What the board is: "auto" (as its heartbeat says), "px4" (commanded in OFFBOARD), "ardupilot" (in
-        /// GUIDED_NOGPS), "generic" (arms on command, obeys SET_ATTITUDE_TARGET while armed; nothing is checked).
+        /// GUIDED_NOGPS), "generic" (arms on command, obeys SET_ATTITUDE_TARGET while armed; nothing is checked),
+        /// "crazyflie" (or a Flapper's own board, over CRTP: docs/CRAZYFLIE.md).
         /// docs/BOARDS.md says what is checked of each and what you have to set.
         profile: BoardProfile = BoardProfile::default();
         /// Whether parameters of the board that forbid arming are set, and read back. false: they are named, with the

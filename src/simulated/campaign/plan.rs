@@ -252,10 +252,10 @@ fn companion(table: &Table, scenario: &Scenario, vehicle: &Vehicle) -> Result<Co
     config.flight.gear_height_m = vehicle.body.gear_m;
     let north_deg = config.board.north_offset_deg;
     config.board.north_offset_deg = scenario.told.north_offset_deg(north_deg);
-    let (profile, protocol) = scenario.companion_keys();
-    config.tag.protocol = Value::from(protocol).try_into()?;
-    if let Some(profile) = profile {
+    config.tag.protocol = Value::from(scenario.companion_protocol()).try_into()?;
+    if let Some([profile, address]) = scenario.companion_board() {
         config.board.profile = Value::from(profile).try_into()?;
+        config.board.address = address.parse()?;
     }
     // Nobody answers for a disk in lockstep.
     config.store.directory = std::path::PathBuf::new();

@@ -116,11 +116,11 @@ impl Commander {
         }
         let tilt = if level { [0.0; 2] } else { [asked.roll_deg, asked.pitch_deg] };
         self.target_deg = [tilt[0], tilt[1], rate_dps];
-        // Down and clockwise in the plant's world, where pitch is nose up as well.
+        // Down and clockwise from north in the plant's world, where pitch is nose up as well; its own counts from east.
         let q = UnitQuaternion::from_euler_angles(
             tilt[0].to_radians(),
             tilt[1].to_radians(),
-            -self.yaw_deg.to_radians(),
+            (90.0 - self.yaw_deg).to_radians(),
         );
         Some(Setpoint { q, thrust_frac: f64::from(asked.thrust) / f64::from(u16::MAX) })
     }

@@ -1,11 +1,14 @@
 //! What its log variables read: sensors, attitude, setpoint and outputs in its own axes and units.
 //!
-//! Body x forward, y left, z up; world x where its yaw is 0, y left of it, z up; g, degrees, hPa.
+//! Body x forward, y left, z up; the world is that of the anchors, which its filter flies in: x east of its north, y
+//! north, z up; g, degrees, hPa.
+
+use std::f64::consts::FRAC_PI_2;
 
 use haltere_core::frames::G_MPS2;
 use haltere_dialect::crtp::quaternion;
 use haltere_dialect::crtp::value::{Kind, Value};
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::Crazyflie;
 use super::table::VARIABLES;
@@ -56,14 +59,18 @@ impl Sensed {
         let share_of = |frac: f64| (frac.clamp(0.0, 1.0) * f64::from(u16::MAX)) as u16;
         let [dihedral, servo] = travel;
         let [left, right] = output.flap_frac;
+        // To east, north, up of north, east, down: a quarter turn about up, the rest is in the axes of the body.
+        let level =
+            UnitQuaternion::from_quaternion(Quaternion::new(q_NB.w, q_NB.i, -q_NB.j, -q_NB.k));
+        let q = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), FRAC_PI_2) * level;
         Self {
             acc_g,
             rate_dps: flu(imu.rate_B_radps).map(f64::to_degrees),
             pressure_hpa: imu.pressure_pa / 100.0,
-            q: [q_NB.i, -q_NB.j, -q_NB.k, q_NB.w],
+            q: [q.i, q.j, q.k, q.w],
             roll_deg: roll.to_degrees(),
             pitch_deg: pitch.to_degrees(),
-            yaw_deg: -yaw.to_degrees(),
+            yaw_deg: 90.0 - yaw.to_degrees(),
             volt,
             // Pitch servo, left motor, yaw servo, right motor: the Flapper of revision D.
             outputs: [

@@ -162,9 +162,10 @@ fn val_a_yaw_rate_is_clockwise_and_a_yaw_is_not() {
     for yaw in [40.0, -60.0] {
         rig.stream(0.1, [0.0, 0.0, yaw], 30_000);
         assert_eq!(rig.board.commander.yaw_deg, f64::from(yaw));
-        // Counter-clockwise for the board is against the plant's heading.
+        // Counter-clockwise from east for the board, clockwise from north for the plant.
         let heading_deg = rig.flies.unwrap().q.euler_angles().2.to_degrees();
-        assert!((heading_deg + f64::from(yaw)).abs() < 1e-9);
+        let off_deg = (heading_deg + f64::from(yaw) - 90.0 + 180.0).rem_euclid(360.0) - 180.0;
+        assert!(off_deg.abs() < 1e-9, "{heading_deg}");
     }
 }
 

@@ -5,6 +5,7 @@ mod at_rest;
 mod board_word;
 mod boards;
 mod boards_in_flight;
+mod crazyflie;
 mod determinism;
 mod ending;
 mod faults;

@@ -10,6 +10,7 @@ mod arming;
 pub(crate) mod checks;
 mod clock;
 pub(crate) mod control;
+mod crtp;
 mod encoding;
 mod events;
 mod instances;
@@ -37,6 +38,7 @@ use haltere_core::drops::{DropReason, Drops};
 use haltere_core::frames::{B, E, Rot};
 use haltere_core::time::HostTime;
 
+use super::crazyflie::{Crazyflie, Told};
 use crate::config::BoardProfile;
 use crate::input::LinkId;
 use crate::out::output::{Address, Outbox};
@@ -131,6 +133,12 @@ pub(crate) struct BoardLink {
     events: Events,
     text: TextJoiner,
     stranger: Option<Stranger>,
+    /// Where it is one, in place of all that is MAVLink's here.
+    crazyflie: Option<Box<Crazyflie>>,
+    /// What that has told, until it is taken in.
+    told: Vec<Told>,
+    /// How often the clock of a Crazyflie began anew.
+    restarts: u32,
 }
 
 /// Somebody else on the board's link, as its newest heartbeat says.
@@ -145,10 +153,11 @@ struct Stranger {
 
 impl BoardLink {
     pub fn new(config: LinkConfig, at: HostTime) -> Self {
+        let is_crazyflie = config.profile == BoardProfile::Crazyflie;
         Self {
             config,
             system_id: None,
-            firmware: Firmware::Generic,
+            firmware: if is_crazyflie { Firmware::Crazyflie } else { Firmware::Generic },
             beat: None,
             armed: ArmedWord::default(),
             last_heard: None,
@@ -178,6 +187,9 @@ impl BoardLink {
             events: Events::default(),
             text: TextJoiner::default(),
             stranger: None,
+            crazyflie: is_crazyflie.then(Box::default),
+            told: Vec::new(),
+            restarts: 0,
         }
     }
 
@@ -231,8 +243,14 @@ impl BoardLink {
         self.beat.as_ref().is_some_and(says_armed)
     }
 
-    pub fn clock(&self) -> &BoardClock {
-        &self.clock
+    /// How often its clock began anew.
+    pub fn clock_restarts(&self) -> u32 {
+        self.clock.restarts().max(self.restarts)
+    }
+
+    /// One sigma of the offset of its clock, s.
+    pub fn std_clock_s(&self) -> Option<f64> {
+        self.clock.std_s()
     }
 
     /// How long after a tilt was asked for its attitude shows it, s, where that can be told.
@@ -252,6 +270,9 @@ impl BoardLink {
 
     /// Why it must not be armed, for people: rates, parameters, vehicle type, line.
     pub fn refusal(&self, at: HostTime) -> Option<String> {
+        if let Some(crazyflie) = &self.crazyflie {
+            return crazyflie.refusal().or_else(|| self.slow_radio());
+        }
         if let Some(slow) = self.streams.slow() {
             return Some(slow);
         }
@@ -346,6 +367,9 @@ impl BoardLink {
     /// The link was opened again: whatever the board knew of us is gone. Unless it flies, it may
     /// even be another board.
     pub fn restart(&mut self, at: HostTime) {
+        if let Some(crazyflie) = &mut self.crazyflie {
+            crazyflie.restart();
+        }
         if !self.is_armed() {
             self.system_id = None;
         }
@@ -538,8 +562,11 @@ impl BoardLink {
 
     /// Work that is due at this time: heartbeat, time, streams, checks, repeated commands.
     pub fn tick(&mut self, at: HostTime, out: &mut Outbox, news: &mut Vec<BoardNews>) {
-        self.streams.measure(at);
         self.lateness.tick(at);
+        if self.crazyflie.is_some() {
+            return self.tick_packets(at, out, news);
+        }
+        self.streams.measure(at);
         // Spoken from the first moment on: a board behind `udpout` answers only who speaks first.
         let speaker =
             Address { system_id: self.system_id.unwrap_or(1), component_id: self.own_component() };

@@ -4,7 +4,7 @@ use haltere_dialect::mav::haltere::MavResult;
 
 use haltere_core::measure::{
     BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery, ReferencePose,
-    ServoOutput,
+    ServoOutput, Tdoa,
 };
 
 use super::control::Change;
@@ -22,6 +22,10 @@ pub(crate) enum BoardNews {
     Baro(BaroSample),
     Mag(MagSample),
     Reference(ReferencePose),
+    /// Of a deck of the board, which is the tag.
+    Tdoa(Tdoa),
+    /// Where anchors 0 to 7 say they stand, in the world of the survey, m.
+    Anchors([Option<[f32; 3]>; 8]),
     Found {
         system_id: u8,
         firmware: Firmware,

@@ -24,18 +24,27 @@ impl BoardLink {
     /// Asks the board to arm or disarm. A forced disarm works in the air.
     pub fn command_arm(&mut self, arm: bool, force: bool, at: HostTime) {
         self.armed.ordered(arm);
-        self.arming.begin(self.firmware, arm, force, at);
+        match &mut self.crazyflie {
+            Some(crazyflie) => crazyflie.command_arm(arm, force, at),
+            None => self.arming.begin(self.firmware, arm, force, at),
+        }
     }
 
     /// The same, after a moment: it has just refused.
     pub fn command_arm_later(&mut self, arm: bool, force: bool, at: HostTime) {
+        if self.crazyflie.is_some() {
+            return self.command_arm(arm, force, at);
+        }
         self.armed.ordered(arm);
         self.arming.begin_later(self.firmware, arm, force, at);
     }
 
     /// Whether an arm or disarm command still waits for its answer or its confirmation.
     pub fn is_commanding(&self) -> bool {
-        self.arming.is_under_way()
+        match &self.crazyflie {
+            Some(crazyflie) => crazyflie.is_commanding(),
+            None => self.arming.is_under_way(),
+        }
     }
 
     /// Nobody here began this flight: an armed board is left to its own failsafe. ArduPilot lands when it hears our
@@ -91,6 +100,11 @@ impl BoardLink {
             self.ask_mode(out);
         }
         news.extend(change.map(BoardNews::Mode));
+        self.watch_target(at, news);
+    }
+
+    /// Follows the setpoint in force.
+    pub(super) fn watch_target(&mut self, at: HostTime, news: &mut Vec<BoardNews>) {
         if !self.held {
             return;
         }
@@ -163,6 +177,11 @@ impl BoardLink {
         thrust_frac: f64,
         out: &mut Outbox,
     ) {
+        if let Some(crazyflie) = &mut self.crazyflie {
+            let thrust_frac = crazyflie.setpoint(at, attitude, thrust_frac, out);
+            self.response.asked(at, attitude, thrust_frac);
+            return self.target.sent(at, attitude, thrust_frac);
+        }
         let Some(own) = self.own_address() else { return };
         let since = match self.streaming {
             Some((since, last)) if at.seconds_since(last) < GAP_S => since,

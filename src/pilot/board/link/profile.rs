@@ -18,6 +18,8 @@ pub(crate) enum Firmware {
     Px4,
     /// ArduPilot's copter, commanded in GUIDED_NOGPS.
     ArduPilot,
+    /// A Crazyflie over CRTP; obeys whenever it may fly.
+    Crazyflie,
 }
 
 /// The mode in which a board obeys our setpoints.
@@ -74,6 +76,7 @@ impl Firmware {
             BoardProfile::Generic => Firmware::Generic,
             BoardProfile::Px4 => Firmware::Px4,
             BoardProfile::Ardupilot => Firmware::ArduPilot,
+            BoardProfile::Crazyflie => Firmware::Crazyflie,
         }
     }
 
@@ -83,13 +86,14 @@ impl Firmware {
             Firmware::Generic => "generic",
             Firmware::Px4 => "px4",
             Firmware::ArduPilot => "ardupilot",
+            Firmware::Crazyflie => "crazyflie",
         }
     }
 
     /// The mode in which it obeys. `None`: whenever it is armed.
     pub fn control_mode(self) -> Option<&'static ControlMode> {
         match self {
-            Firmware::Generic => None,
+            Firmware::Generic | Firmware::Crazyflie => None,
             Firmware::Px4 => Some(&PX4_MODE),
             Firmware::ArduPilot => Some(&ARDUPILOT_MODE),
         }
@@ -110,7 +114,7 @@ impl Firmware {
     /// after arming (PX4, COM_SPOOLUP_TIME 1 s), s. Unless its parameter is known.
     pub fn spool_s(self) -> f64 {
         match self {
-            Firmware::Generic => 0.0,
+            Firmware::Generic | Firmware::Crazyflie => 0.0,
             Firmware::Px4 => 1.0,
             Firmware::ArduPilot => 0.5,
         }
@@ -145,7 +149,7 @@ impl Firmware {
     /// Name of a mode number for people.
     pub fn mode_name(self, custom_mode: u32) -> String {
         let known = match self {
-            Firmware::Generic => None,
+            Firmware::Generic | Firmware::Crazyflie => None,
             Firmware::ArduPilot => match custom_mode {
                 0 => Some("STABILIZE"),
                 1 => Some("ACRO"),

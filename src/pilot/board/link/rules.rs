@@ -139,7 +139,8 @@ impl Firmware {
     /// What is read, in this order.
     pub fn rules(self) -> &'static [Rule] {
         match self {
-            Firmware::Generic => &[],
+            // A Crazyflie's are asked at connecting.
+            Firmware::Generic | Firmware::Crazyflie => &[],
             Firmware::Px4 => PX4,
             Firmware::ArduPilot => ARDUPILOT,
         }

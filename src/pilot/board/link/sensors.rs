@@ -35,9 +35,9 @@ const ACC_LIMIT_MPS2: f64 = 320.0;
 /// Rate beyond any sensor of this class, rad/s (4000 °/s range).
 const RATE_LIMIT_RADPS: f64 = 70.0;
 /// Packs outside of this are not ours, V.
-const SUPPLY_RANGE_V: std::ops::RangeInclusive<f64> = 1.0..=60.0;
+pub(super) const SUPPLY_RANGE_V: std::ops::RangeInclusive<f64> = 1.0..=60.0;
 /// What barometers can read, hPa.
-const PRESSURE_HPA: std::ops::RangeInclusive<f64> = 300.0..=1200.0;
+pub(super) const PRESSURE_HPA: std::ops::RangeInclusive<f64> = 300.0..=1200.0;
 /// Events that are less severe than a warning are not passed on.
 const LAST_EVENT_SEVERITY: u8 = 4;
 /// Accelerometer and gyroscope of HIGHRES_IMU are new in a sample that has all these bits.
@@ -155,7 +155,7 @@ impl BoardLink {
         }
     }
 
-    fn attitude(
+    pub(super) fn attitude(
         &mut self,
         received_at: HostTime,
         valid_at: HostTime,
@@ -171,10 +171,10 @@ impl BoardLink {
     /// believed. With the oldest of it stamped as new, all the rest came out of order, and the filter took that one
     /// sample, wing beat and all, for the whole pause: 4.5 m/s in 0.3 s.
     fn stamp(&mut self, board_us: u64, received_at: HostTime) -> HostTime {
-        if !self.clock().is_locked() {
+        if !self.clock.is_locked() {
             return received_at;
         }
-        let mapped = self.clock().to_host(FcTime::from_us(board_us)).filter(|t| {
+        let mapped = self.clock.to_host(FcTime::from_us(board_us)).filter(|t| {
             let age_s = received_at.seconds_since(*t);
             let goes_on = t.seconds_since(self.stamped_at) > -STAMP_TRUST_S;
             age_s.abs() < STAMP_TRUST_S || (goes_on && (0.0..STAMP_OLDEST_S).contains(&age_s))
@@ -186,8 +186,7 @@ impl BoardLink {
 
     /// A sample tells by its stamp how late it is.
     fn note_age(&mut self, board_us: u64, received_at: HostTime) {
-        let known =
-            self.clock().is_locked().then(|| self.clock().to_host(FcTime::from_us(board_us)));
+        let known = self.clock.is_locked().then(|| self.clock.to_host(FcTime::from_us(board_us)));
         if let Some(valid_at) = known.flatten() {
             self.lateness.sample(received_at, received_at.seconds_since(valid_at));
         }
@@ -283,7 +282,7 @@ impl BoardLink {
         self.push_imu(id, sample, drops, news);
     }
 
-    fn push_imu(
+    pub(super) fn push_imu(
         &mut self,
         id: u8,
         sample: ImuSample,

@@ -144,6 +144,8 @@ impl Streams {
     /// Everything that this firmware is to send.
     pub fn new(firmware: Firmware, at: HostTime) -> Self {
         let needs = match firmware {
+            // Its log blocks take their place.
+            Firmware::Crazyflie => Vec::new(),
             Firmware::Generic => vec![
                 Need::new(IMU_IDS, IMU_HZ, 100.0, 100.0),
                 Need::new(ATTITUDE_IDS, &[100.0], 50.0, 50.0),
