@@ -47,6 +47,23 @@ impl References {
         !self.reference.is_empty() || !self.held_out_reference.is_empty()
     }
 
+    /// Names of flights that are no logs of ours, those of a folder by name.
+    pub fn files(&self) -> anyhow::Result<Vec<PathBuf>> {
+        let mut files = Vec::new();
+        for name in &self.reference {
+            if !name.is_dir() {
+                files.push(name.clone());
+                continue;
+            }
+            let entries = std::fs::read_dir(name).with_context(|| name.display().to_string())?;
+            let mut paths: Vec<PathBuf> =
+                entries.flatten().map(|entry| entry.path()).filter(|path| path.is_file()).collect();
+            paths.sort();
+            files.extend(paths);
+        }
+        Ok(files)
+    }
+
     /// Reads them. A log that was named and does not fit is an error; one of a folder is left out.
     pub fn read(&self, first: Option<&Flown>, others: &[Flown]) -> anyhow::Result<Accepted> {
         let mut accepted = Accepted::default();

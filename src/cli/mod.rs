@@ -13,6 +13,7 @@ pub mod gap;
 mod gap_accept;
 mod gap_advise;
 mod gap_attribute;
+mod gap_balance;
 mod gap_bank;
 mod gap_budget;
 mod gap_commission;
