@@ -15,8 +15,9 @@ use crate::outcome::{Ending, Named, Outcome, Remainder};
 pub const AXES: [&str; MOTORS] = ["vertical force", "roll", "pitch", "yaw"];
 /// Fewest references: of one nothing is known of what healthy flights differ by.
 const LEAST_REFERENCES: usize = 2;
-/// Probability of "nothing" from which on there is no gap.
-const NO_GAP: f64 = 0.5;
+/// Probability of "nothing" from which on there is no gap: one healthy flight of twelve lies below, of flights drawn from the scatter that
+/// `weigh.rs` assumes for four references.
+const NO_GAP: f64 = 0.6;
 /// Odds below which two causes are not told apart \[Jeffreys 1961: √10, "barely worth mentioning" below it\].
 const ODDS: f64 = 3.162;
 /// Candidates that are listed.
@@ -161,11 +162,12 @@ impl<'a> Judge<'a> {
     }
 
     fn outcome(&self, weighed: &Weighed, change: &Change) -> Outcome {
-        let Some(first) = weighed.causes.first() else { return Outcome::NoMaterialGap };
         if weighed.nothing >= NO_GAP {
             return Outcome::NoMaterialGap;
         }
-        if weighed.something_else > ODDS * first.probability {
+        let set = set(weighed);
+        let explained: f64 = set.iter().map(|candidate| candidate.probability).sum();
+        if weighed.something_else > ODDS * explained {
             let sigma = self.healthy.sigma();
             let mut far: Vec<(String, f64)> = (0..MOTORS)
                 .map(|axis| (AXES[axis].to_owned(), change.balance[axis] / sigma[axis]))
@@ -174,11 +176,10 @@ impl<'a> Judge<'a> {
             let remainder = Remainder { share: 1.0, block: "actuators".into(), statistics: far };
             return Outcome::NotInLibrary { remainder };
         }
-        let mut set: Vec<Named> =
-            set(weighed).iter().map(|candidate| self.named(candidate)).collect();
-        match set.len() {
-            1 => Outcome::Named { effect: set.remove(0) },
-            _ => Outcome::OneOf { effects: set },
+        let mut effects: Vec<Named> = set.iter().map(|candidate| self.named(candidate)).collect();
+        match effects.len() {
+            1 => Outcome::Named { effect: effects.remove(0) },
+            _ => Outcome::OneOf { effects },
         }
     }
 

@@ -276,11 +276,12 @@ pub fn flights(judged: &[Judged]) -> String {
 
 /// The table.
 pub fn table(judged: &[Judged]) -> String {
-    let mut out = String::from("\n| | to reach | here | flights |\n|---|---|---|---|\n");
+    let mut out = String::from("\n| | what | to reach | here | flights |\n|---|---|---|---|---|\n");
     for row in rows(judged) {
         let value =
             if row.value.is_finite() { format!("{:.2}", row.value) } else { "not checked".into() };
-        let _ = writeln!(out, "| {} | {} | {value} | {} |", row.what, row.to_reach, row.count);
+        let Row { key, what, to_reach, count, .. } = row;
+        let _ = writeln!(out, "| {key} | {what} | {to_reach} | {value} | {count} |");
     }
     out
 }
