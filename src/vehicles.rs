@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context as _, bail};
 use haltere_model::Vehicle;
+use haltere_model::rotorcraft::Rotorcraft;
 use haltere_pilot::settings::surplus;
 use toml::Table;
 
@@ -13,6 +14,39 @@ const NOMINAL: &str = "flapper";
 /// Name, text of the vehicle file.
 const FILES: [(&str, &str); 1] =
     [("delfly-nimble", include_str!("../sim/vehicles/delfly-nimble.toml"))];
+
+/// Name, text of the vehicle file, of quadrotors: the diagnosis without a simulator balances them, nothing flies them.
+const ROTORCRAFT: [(&str, &str); 2] = [
+    ("crazyflie-2.1", include_str!("../sim/rotorcraft/crazyflie-2.1.toml")),
+    ("x-quadrotor", include_str!("../sim/rotorcraft/x-quadrotor.toml")),
+];
+
+/// Names of the quadrotors that are there.
+pub fn rotorcraft_names() -> Vec<&'static str> {
+    ROTORCRAFT.iter().map(|(name, _)| *name).collect()
+}
+
+/// Text of the file of a quadrotor, or of the one of that name; `None` where it is of wings, or nothing is there.
+pub fn rotorcraft_text(told: &Path) -> Option<String> {
+    if !told.is_file() {
+        let name = told.to_str()?;
+        return ROTORCRAFT.iter().find(|(of, _)| *of == name).map(|(_, text)| (*text).to_owned());
+    }
+    haltere_log::intake::text(told, MOST_BYTES).ok().filter(|text| Rotorcraft::is_meant(text))
+}
+
+/// The quadrotor of a file, or of that name.
+pub fn rotorcraft(told: &Path) -> anyhow::Result<Rotorcraft> {
+    let text = rotorcraft_text(told).with_context(|| {
+        format!(
+            "vehicle {}: no quadrotor; allowed are a file with four tables [[motor]], or by name {}; `haltere vehicle print \
+             NAME > FILE` begins one of your own",
+            told.display(),
+            rotorcraft_names().join(", ")
+        )
+    })?;
+    Rotorcraft::from_toml(&text).map_err(|why| anyhow::anyhow!("{}: {why}", told.display()))
+}
 
 /// Names of the vehicles that are there.
 pub fn names() -> Vec<&'static str> {
@@ -57,6 +91,15 @@ pub fn read(told: &Path) -> anyhow::Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn prop_every_name_of_a_quadrotor_is_one() {
+        for name in rotorcraft_names() {
+            assert_eq!(rotorcraft(Path::new(name)).unwrap().name, name);
+        }
+        let error = format!("{:#}", rotorcraft(Path::new("flapper")).unwrap_err());
+        assert!(error.contains("crazyflie-2.1, x-quadrotor"), "{error}");
+    }
 
     #[test]
     fn prop_every_name_is_a_vehicle() {

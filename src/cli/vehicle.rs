@@ -17,7 +17,8 @@ use crate::vehicles;
 
 #[derive(Debug, Subcommand)]
 pub(super) enum VehicleCommand {
-    /// Prints a vehicle file with every key: that of a built-in vehicle to begin from, or a file completed with the defaults.
+    /// Prints a vehicle file with every key: that of a built-in vehicle or quadrotor (crazyflie-2.1, x-quadrotor) to begin from, or a
+    /// file completed with the defaults.
     Print(Told),
     /// Examines a vehicle file, and says how the vehicle hovers by it and what the companion has to be told.
     Check(Check),
@@ -174,8 +175,20 @@ impl Meaning {
 impl VehicleCommand {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         match self {
-            VehicleCommand::Print(told) => print(&toml::to_string(&told.read()?.0)?)?,
+            VehicleCommand::Print(told) => match vehicles::rotorcraft_text(&told.vehicle) {
+                // With its comments, which say where each number is from.
+                Some(text) => print(&text)?,
+                None => print(&toml::to_string(&told.read()?.0)?)?,
+            },
             VehicleCommand::Check(Check { told, json }) => {
+                if vehicles::rotorcraft_text(&told.vehicle).is_some() {
+                    let vehicle = vehicles::rotorcraft(&told.vehicle)?;
+                    match json {
+                        true => print_json(&vehicle)?,
+                        false => print(&vehicle.meaning())?,
+                    }
+                    return Ok(ExitCode::SUCCESS);
+                }
                 let (vehicle, left) = told.read()?;
                 let meaning = Meaning::of(&vehicle, &left);
                 if meaning.hover_full_frac >= 1.0 {

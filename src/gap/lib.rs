@@ -26,6 +26,7 @@
 pub mod accept;
 pub mod advice;
 pub mod attribute;
+pub mod balance;
 pub mod bank;
 pub mod commission;
 pub mod diagnosis;

@@ -55,6 +55,7 @@ pub mod magnetometer;
 pub mod plant;
 pub mod random;
 pub mod room;
+pub mod rotorcraft;
 pub mod servo;
 pub mod tag;
 pub mod truth;

@@ -5,7 +5,7 @@
 //! Begin with `sim/lab/PROTOCOL.md`. `generator` is another world without shared physics, `cases` the sealed suite that is
 //! flown in it, `blind` its scorer (`hall.rs` answers before any key is opened), `withheld`, `retune` and `outside` what the
 //! diagnosis is compared with; `util_flights` runs the filter on recorded flights, `recorded` and
-//! `lines_of_sight` study them, `balance` weighs their forces, `aids` and `tune` the estimator and
+//! `lines_of_sight` study them, `balance` weighs their forces, `crazypad` scores the diagnosis on real flights with known causes, `aids` and `tune` the estimator and
 //! the gains; `paper` flies the experiments of the source, `beside` its steps in that other world. `faults` breaks
 //! what can break, `soak`, `flood` and `kills` measure the companion as a process.
 
@@ -16,6 +16,7 @@ mod blind;
 mod cases;
 mod commands;
 mod compare;
+mod crazypad;
 mod faults;
 mod flood;
 mod generator;
@@ -73,6 +74,8 @@ enum Command {
     Sight(commands::sight::Sight),
     /// Force balance of recorded flights with motion capture.
     Balance(commands::balance::Balance),
+    /// The diagnosis without a simulator on real flights with known causes, those of CrazyPAD.
+    Crazypad(crazypad::Options),
     /// What the advice of `haltere gap advise` is worth.
     Advise(commands::advise::Advise),
     /// What magnetometer, barometer and survey check are worth, with and without, in lockstep:
@@ -117,6 +120,7 @@ fn main() -> ExitCode {
         Command::Flights(flights) => flights.run(),
         Command::Sight(sight) => sight.run(),
         Command::Balance(balance) => balance.run(),
+        Command::Crazypad(options) => crazypad::run(&options),
         Command::Advise(advise) => advise.run(),
         Command::Aids(options) => aids::run(&options).map(code),
         Command::Faults(options) => faults::run(&options).map(code),

@@ -12,6 +12,11 @@ pub fn flapper() -> Option<PathBuf> {
     holds("flapper_swarm3d", "")
 }
 
+/// Real flights with known causes.
+pub fn crazypad() -> Option<PathBuf> {
+    holds("crazypad", "motor_data")
+}
+
 /// The folder of this name, if it has this file: beside the checkout or beside the folder of checkouts.
 fn holds(folder: &str, file: &str) -> Option<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");

@@ -11,6 +11,7 @@ use clap::{Args, Parser};
 
 use super::budget;
 use super::options::{BankOptions, ReferenceOptions, SceneOptions, simulator};
+use super::balance::{self, Import};
 use super::terminal::Terminal;
 use crate::cli::output::{print, print_json};
 use crate::cli::which_flight::WhichFlight;
@@ -34,6 +35,9 @@ use haltere_log::written;
 /// Without accepted flights a gap that no effect explains is the vehicle file's to begin with: then the answer is a budget of its
 /// constants, as of `haltere gap budget`.
 ///
+/// Flights of other vehicles and programs are judged without a simulator (`--import`, docs/IMPORT.md): what the motors of a quadrotor
+/// held in hover, against accepted flights of it.
+///
 /// Exit codes: 0 no gap, 10 named, 11 one of a set, 12 several, 13 not in the library, 14 named with
 /// a remainder, 15 a budget, 20 not testable, 30 log or replay fault.
 #[derive(Debug, Args)]
@@ -41,6 +45,13 @@ pub struct Diagnose {
     /// Flight logs of the companion.
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
+    /// The flights are of another program: what they are. --vehicle is then the file of a quadrotor, or the name of one.
+    #[arg(long, value_name = "KIND", requires_all = ["vehicle", "reference"])]
+    #[arg(conflicts_with_all = ["truth", "report", "held_out_reference", "room"])]
+    import: Option<Import>,
+    /// With `--import csv`: which column of the tables is what (docs/IMPORT.md).
+    #[arg(long, value_name = "FILE.toml", requires = "import")]
+    columns: Option<PathBuf>,
     #[command(flatten)]
     which: WhichFlight,
     #[command(flatten)]
@@ -101,6 +112,11 @@ const STAGES: [(&str, f64); 9] = [
 
 impl Diagnose {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        if let (Some(import), Some(vehicle)) = (self.import, self.told.vehicle_file()) {
+            let source = import.source(self.columns.as_deref())?;
+            let references = self.references.files()?;
+            return balance::run(&source, &self.logs, &references, vehicle, self.json);
+        }
         let diagnosis = self.diagnosis()?;
         self.write(&diagnosis)?;
         if self.json {

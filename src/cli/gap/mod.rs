@@ -3,6 +3,7 @@
 mod accept;
 mod advise;
 mod attribute;
+mod balance;
 mod bank;
 mod budget;
 mod commission;

@@ -126,6 +126,23 @@ pub(super) struct ReferenceOptions {
 }
 
 impl ReferenceOptions {
+    /// Names of flights that are no logs of ours, those of a folder by name.
+    pub fn files(&self) -> anyhow::Result<Vec<PathBuf>> {
+        let mut files = Vec::new();
+        for name in &self.reference {
+            if !name.is_dir() {
+                files.push(name.clone());
+                continue;
+            }
+            let entries = std::fs::read_dir(name).with_context(|| name.display().to_string())?;
+            let mut paths: Vec<PathBuf> =
+                entries.flatten().map(|entry| entry.path()).filter(|path| path.is_file()).collect();
+            paths.sort();
+            files.extend(paths);
+        }
+        Ok(files)
+    }
+
     /// As the library takes them.
     pub fn references(&self) -> References {
         References {

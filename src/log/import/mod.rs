@@ -7,9 +7,11 @@ mod bounded;
 pub mod columns;
 pub mod flapper;
 pub mod motion;
+pub mod motors;
 pub mod recording;
 pub mod stand;
 pub mod truth;
+pub mod usdlog;
 pub mod util;
 
 pub use recording::{Error, Recording, Row, Skipped};

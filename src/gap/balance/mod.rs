@@ -1,0 +1,25 @@
+//! Diagnosis without a simulator: a quadrotor that hovers holds its forces and moments in balance, and what its motors were
+//! told says what of the balance has changed since flights that were accepted.
+//!
+//! ```text
+//! flight ─► hover ─► balance less that of references ─► causes, weighed against "nothing" and "something else" ─► outcome
+//! ```
+//!
+//! [`hover`] is the balance of one flight, [`causes`] what a cause adds to it, [`weigh`] how probable each is by what references
+//! scatter, `said` the words. Nothing is flown, so that a flight takes milliseconds; nothing but the motors' commands is
+//! needed, and what is not there is told as not checked.
+//!
+//! Where it is blind: a load and a weak motor at one place differ by the moment of yaw alone, which other propellers change as
+//! well, so that small ones are a set; thrust that all motors lack alike is a load in the middle, another battery or other propellers.
+
+pub mod causes;
+pub mod hover;
+pub mod report;
+pub mod weigh;
+
+mod said;
+#[cfg(test)]
+mod tests;
+
+pub use hover::Hover;
+pub use report::{Report, diagnose};

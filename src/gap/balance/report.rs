@@ -1,0 +1,285 @@
+//! What a diagnosis by balance finds: the outcome, what it rests on, and how small a change its references can show.
+
+use haltere_core::checks::Problems;
+use haltere_model::rotorcraft::{MOTORS, Rotorcraft};
+use nalgebra::Vector4;
+use serde::Serialize;
+
+use super::causes::{Cause, Kind};
+use super::hover::Hover;
+use super::said;
+use super::weigh::{Candidate, Change, Healthy, Rivals, Weighed};
+use crate::outcome::{Ending, Named, Outcome, Remainder};
+
+/// Names of the four axes.
+pub const AXES: [&str; MOTORS] = ["vertical force", "roll", "pitch", "yaw"];
+/// Fewest references: of one nothing is known of what healthy flights differ by.
+const LEAST_REFERENCES: usize = 2;
+/// Probability of "nothing" from which on there is no gap: one healthy flight of twelve lies below, of flights drawn from the scatter that
+/// `weigh.rs` assumes for four references.
+const NO_GAP: f64 = 0.6;
+/// Odds below which two causes are not told apart \[Jeffreys 1961: √10, "barely worth mentioning" below it\].
+const ODDS: f64 = 3.162;
+/// Candidates that are listed.
+const LISTED: usize = 6;
+
+/// What was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// The flight.
+    pub flight: String,
+    /// Name of the vehicle file.
+    pub vehicle: String,
+    /// The references that counted.
+    pub references: Vec<String>,
+    /// The smallest change of each kind that these references can show, at the motor that shows it worst.
+    pub can_show: Vec<Smallest>,
+    /// The outcome.
+    #[serde(flatten)]
+    pub outcome: Outcome,
+    /// The same in words.
+    pub verdict: String,
+    /// Whether the flight looks like that of another vehicle, or of this one with other propellers throughout.
+    pub another_vehicle: bool,
+    /// What has changed, axis by axis.
+    pub balance: Vec<AxisChange>,
+    /// How many times as much the controller works from row to row.
+    pub shaking: Option<f64>,
+    /// Probability that nothing has changed.
+    pub nothing: f64,
+    /// Causes, most probable first; of a weak motor the sizes are losses of 1, of a load kg.
+    pub candidates: Vec<Named>,
+    /// What was not looked at, and why.
+    pub not_checked: Vec<String>,
+    /// How far the explanation foretells flights that it was not found on.
+    pub held_out: Option<HeldOut>,
+    /// Length of hover that was used, s.
+    pub hover_s: f64,
+}
+
+/// The smallest size of a kind of cause that can be shown.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Smallest {
+    /// Of what.
+    pub kind: Kind,
+    /// A loss of 1, kg, or times as much shaking; `None`: not even the largest that is tried.
+    pub size: Option<f64>,
+}
+
+/// One axis of the balance.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct AxisChange {
+    /// Which.
+    pub axis: &'static str,
+    /// Change, as a share of the weight, for a moment of the weight at its lever.
+    pub share: f64,
+    /// Deviation of the next healthy flight, the same.
+    pub sigma: f64,
+}
+
+/// Flights that the explanation was not found on.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct HeldOut {
+    /// Which.
+    pub flights: Vec<String>,
+    /// Mean square of vertical force and moments against the references, and with the explanation taken away.
+    pub before: f64,
+    /// See `before`.
+    pub after: f64,
+    /// `1 - after/before`.
+    pub shrink: f64,
+}
+
+/// A vehicle with its references, ready to judge flights.
+pub struct Judge<'a> {
+    vehicle: &'a Rotorcraft,
+    references: &'a [Hover],
+    healthy: Healthy,
+    rivals: Rivals,
+}
+
+/// Judges a flight; `held_out`: others of the same state.
+pub fn diagnose(
+    flight: &Hover,
+    held_out: &[Hover],
+    references: &[Hover],
+    vehicle: &Rotorcraft,
+) -> Result<Report, Problems> {
+    Ok(Judge::new(references, vehicle)?.report(flight, held_out))
+}
+
+impl<'a> Judge<'a> {
+    /// With the causes that a vehicle can have, and what its references scatter.
+    pub fn new(references: &'a [Hover], vehicle: &'a Rotorcraft) -> Result<Self, Problems> {
+        let to_balance = vehicle.to_balance();
+        let to_balance =
+            to_balance.ok_or_else(|| Problems::one("the vehicle file holds no quadrotor"))?;
+        let healthy = Healthy::of(references).filter(|_| references.len() >= LEAST_REFERENCES);
+        let healthy = healthy.ok_or_else(|| {
+            Problems::one(format!(
+                "{} accepted flights of this vehicle are there, at least {LEAST_REFERENCES} are needed, four or more of several \
+                 sessions are better: give them as --reference",
+                references.len()
+            ))
+        })?;
+        Ok(Self { vehicle, references, healthy, rivals: Rivals::of(vehicle, &to_balance) })
+    }
+
+    /// What a flight shows.
+    pub fn report(&self, flight: &Hover, held_out: &[Hover]) -> Report {
+        let change = self.healthy.change(flight);
+        let weighed = self.rivals.weigh(&change, &self.healthy);
+        let outcome = self.outcome(&weighed, &change);
+        let sigma = self.healthy.sigma();
+        let balance = (0..MOTORS).map(|axis| AxisChange {
+            axis: AXES[axis],
+            share: change.balance[axis],
+            sigma: sigma[axis],
+        });
+        let explained = weighed.causes.first().filter(|_| outcome.kind().is_explained());
+        let held_out = self.held_out(explained, held_out);
+        let another_vehicle = outcome.kind() == Ending::NotInLibrary;
+        let candidates: Vec<Named> =
+            weighed.causes.iter().take(LISTED).map(|c| self.named(c)).collect();
+        let mut report = Report {
+            flight: flight.name.clone(),
+            vehicle: self.vehicle.name.clone(),
+            references: self.references.iter().map(|r| r.name.clone()).collect(),
+            can_show: self.can_show(),
+            outcome,
+            verdict: String::new(),
+            another_vehicle,
+            balance: balance.collect(),
+            shaking: change.shake.map(f64::exp),
+            nothing: weighed.nothing,
+            candidates,
+            not_checked: not_checked(flight, &change),
+            held_out,
+            hover_s: flight.hover_s,
+        };
+        report.verdict = said::verdict(&report, &weighed);
+        report
+    }
+
+    fn outcome(&self, weighed: &Weighed, change: &Change) -> Outcome {
+        if weighed.nothing >= NO_GAP {
+            return Outcome::NoMaterialGap;
+        }
+        let set = set(weighed);
+        let explained: f64 = set.iter().map(|candidate| candidate.probability).sum();
+        if weighed.something_else > ODDS * explained {
+            let sigma = self.healthy.sigma();
+            let mut far: Vec<(String, f64)> = (0..MOTORS)
+                .map(|axis| (AXES[axis].to_owned(), change.balance[axis] / sigma[axis]))
+                .collect();
+            far.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+            let remainder = Remainder { share: 1.0, block: "actuators".into(), statistics: far };
+            return Outcome::NotInLibrary { remainder };
+        }
+        let mut effects: Vec<Named> = set.iter().map(|candidate| self.named(candidate)).collect();
+        match effects.len() {
+            1 => Outcome::Named { effect: effects.remove(0) },
+            _ => Outcome::OneOf { effects },
+        }
+    }
+
+    fn named(&self, candidate: &Candidate) -> Named {
+        let unit = match candidate.cause.kind {
+            Kind::Load => self.vehicle.mass_kg,
+            _ => 1.0,
+        };
+        Named {
+            id: candidate.cause.id(),
+            probability: candidate.probability,
+            theta: candidate.sizes.iter().map(|size| unit * size).collect(),
+            theta_90: candidate.sizes_90.iter().map(|ends| ends.map(|size| unit * size)).collect(),
+        }
+    }
+
+    /// The smallest sizes at which a flight without any noise is called a gap.
+    fn can_show(&self) -> Vec<Smallest> {
+        let is_gap = |balance: Vector4<f64>, shake: f64| {
+            let change = Change { balance, shake: Some(shake) };
+            self.rivals.weigh(&change, &self.healthy).nothing < NO_GAP
+        };
+        let of_motor = |kind: Kind, unit: f64| {
+            let causes =
+                self.rivals.causes().filter(|(c, _)| c.kind == kind && c.motors.len() == 1);
+            let smallest = causes.map(|(_, trials)| {
+                // By size, so that the first that is seen is the smallest.
+                let at = trials.partition_point(|trial| !is_gap(trial.adds, 0.0));
+                trials.get(at).map(|trial| unit * trial.sizes[0])
+            });
+            let worst = smallest.reduce(|a, b| Some(a?.max(b?))).flatten();
+            Smallest { kind, size: worst }
+        };
+        let times = (1..=MOST_SHAKING).map(|tenths| 1.0 + 0.1 * f64::from(tenths));
+        let shaking = times.clone().find(|times| is_gap(Vector4::zeros(), times.ln()));
+        vec![
+            of_motor(Kind::WeakMotor, 1.0),
+            of_motor(Kind::Load, self.vehicle.mass_kg),
+            Smallest { kind: Kind::Swinging, size: shaking },
+        ]
+    }
+
+    /// What is left of other flights; without an explanation, all.
+    fn held_out(&self, explanation: Option<&Candidate>, flights: &[Hover]) -> Option<HeldOut> {
+        let to_balance = self.vehicle.to_balance()?;
+        let adds = explanation.map_or(Vector4::zeros(), |candidate| {
+            candidate.cause.adds(&candidate.sizes, self.vehicle, &to_balance)
+        });
+        let changes: Vec<Vector4<f64>> =
+            flights.iter().map(|flight| self.healthy.change(flight).balance).collect();
+        let mean_square = |less: Vector4<f64>| {
+            let squares = changes.iter().map(|change| (change - less).norm_squared());
+            squares.sum::<f64>() / changes.len().max(1) as f64
+        };
+        let (before, after) = (mean_square(Vector4::zeros()), mean_square(adds));
+        let names = flights.iter().map(|flight| flight.name.clone()).collect();
+        (before > 0.0).then(|| HeldOut {
+            flights: names,
+            before,
+            after,
+            shrink: 1.0 - after / before,
+        })
+    }
+}
+
+/// The causes that the most probable one is not clearly ahead of.
+fn set(weighed: &Weighed) -> Vec<&Candidate> {
+    let most = weighed.causes.first().map_or(0.0, |first| first.probability);
+    weighed.causes.iter().filter(|candidate| candidate.probability * ODDS >= most).collect()
+}
+
+/// Largest shaking that is tried, in tenths above 1.
+const MOST_SHAKING: u32 = 90;
+
+/// What a flight of motors alone does not show.
+fn not_checked(flight: &Hover, change: &Change) -> Vec<String> {
+    let mut all = vec![
+        "drag, wind, sensors and estimator: they do not show in what the motors hold in hover"
+            .to_owned(),
+        "current and capacity of the pack".to_owned(),
+    ];
+    if !flight.by_height {
+        all.push("height: none was logged, so hover was chosen by thrust".into());
+    }
+    if change.shake.is_none() {
+        all.push("shaking: the references were logged at another rate".into());
+    }
+    all
+}
+
+impl Report {
+    /// The whole in words.
+    pub fn text(&self) -> String {
+        said::text(self)
+    }
+}
+
+impl Cause {
+    /// The cause of an id.
+    pub fn find(id: &str) -> Option<Self> {
+        Self::all().into_iter().find(|cause| cause.id() == id)
+    }
+}

@@ -1,0 +1,114 @@
+//! What the balance says, in words.
+
+use std::fmt::Write as _;
+
+use super::causes::{Cause, Kind};
+use super::report::{Report, Smallest};
+use super::weigh::Weighed;
+use crate::outcome::{Named, Outcome};
+
+/// The outcome as a sentence.
+pub fn verdict(report: &Report, weighed: &Weighed) -> String {
+    let told: Vec<String> =
+        report.outcome.effects().iter().map(|named| cause(named, report)).collect();
+    match &report.outcome {
+        Outcome::NoMaterialGap => format!(
+            "no gap: nothing beyond what these references can show (probability {:.2})",
+            weighed.nothing
+        ),
+        Outcome::NotInLibrary { remainder } => {
+            let far: Vec<String> =
+                remainder.statistics.iter().map(|(axis, z)| format!("{axis} {z:+.1}")).collect();
+            format!(
+                "not in the list: this is another vehicle, or this one with other propellers, or a change that no cause here makes; \
+                 in sigma: {}",
+                far.join(", ")
+            )
+        }
+        _ if told.len() > 1 => format!("one of: {}", told.join("; or ")),
+        _ => format!("named: {}", told.concat()),
+    }
+}
+
+/// A cause with its size.
+fn cause(named: &Named, report: &Report) -> String {
+    let Some(Cause { kind, motors }) = Cause::find(&named.id) else { return named.id.clone() };
+    let each = motors.iter().zip(&named.theta).zip(&named.theta_90);
+    let told = each.map(|((motor, size), [low, high])| match kind {
+        Kind::Load => {
+            format!("{:.1} g at motor {motor} ({:.1} to {:.1})", 1e3 * size, 1e3 * low, 1e3 * high)
+        }
+        _ => format!(
+            "motor {motor} by {:.0} % ({:.0} to {:.0})",
+            100.0 * size,
+            100.0 * low,
+            100.0 * high
+        ),
+    });
+    let places = told.collect::<Vec<_>>().join(" and ");
+    let times = report.shaking.unwrap_or(1.0);
+    let what = match kind {
+        Kind::WeakMotor => format!(
+            "less thrust for the same command, {places}: propeller cut, bent or worn, or weak motor"
+        ),
+        Kind::Load => format!("a load of {places}"),
+        Kind::Unbalanced => {
+            format!("a propeller out of balance, at any motor: it shakes {times:.1} times as much")
+        }
+        Kind::Swinging => format!("a load that swings: it shakes {times:.1} times as much"),
+    };
+    format!("{what} [{:.2}]", named.probability)
+}
+
+/// What can be shown, before what was found.
+fn can_show(all: &[Smallest]) -> String {
+    let told = all.iter().map(|Smallest { kind, size }| {
+        let from = |text: String| size.map_or("none that flies".to_owned(), |_| text);
+        let size = size.unwrap_or(0.0);
+        match kind {
+            Kind::WeakMotor => format!(
+                "one motor's loss of thrust from {}",
+                from(format!("{:.0} % on", 100.0 * size))
+            ),
+            Kind::Load => {
+                format!("a load at one motor from {}", from(format!("{:.1} g on", 1e3 * size)))
+            }
+            _ => format!("shaking from {}", from(format!("{size:.1} times as much on"))),
+        }
+    });
+    told.collect::<Vec<_>>().join(", ")
+}
+
+/// The whole.
+pub fn text(report: &Report) -> String {
+    let mut out = String::new();
+    let _ = writeln!(
+        out,
+        "{} ({:.1} s of hover) against {} references, vehicle {}",
+        report.flight,
+        report.hover_s,
+        report.references.len(),
+        report.vehicle
+    );
+    let _ = writeln!(out, "can show   {}", can_show(&report.can_show));
+    let _ = writeln!(out, "verdict    {}", report.verdict);
+    for axis in &report.balance {
+        let (share, sigma) = (100.0 * axis.share, 100.0 * axis.sigma);
+        let _ = writeln!(out, "  {:<15} {share:+5.1} %, healthy ±{sigma:.1} %", axis.axis);
+    }
+    if let Some(times) = report.shaking {
+        let _ = writeln!(out, "  shaking         {times:.1} times that of the references");
+    }
+    if let Some(held_out) = &report.held_out {
+        let _ = writeln!(
+            out,
+            "shrink     {:.2} of vertical force and moments on {}",
+            held_out.shrink,
+            held_out.flights.join(", ")
+        );
+    }
+    for what in &report.not_checked {
+        let _ = writeln!(out, "not checked: {what}");
+    }
+    out
+}

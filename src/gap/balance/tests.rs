@@ -1,0 +1,140 @@
+//! The balance on made flights, whose causes are known to the digit.
+
+use haltere_core::frames::G_MPS2;
+use haltere_log::import::motors::{Dropped, MotorFlight, MotorRow};
+use haltere_model::rotorcraft::Rotorcraft;
+
+use super::causes::Cause;
+use super::hover::Hover;
+use super::report::Judge;
+use crate::outcome::Outcome;
+
+fn vehicle() -> Rotorcraft {
+    Rotorcraft::from_toml(include_str!("../../../sim/rotorcraft/crazyflie-2.1.toml")).unwrap()
+}
+
+/// 20 s at 100 Hz, 12 of them in hover, where the motors are told these shares of a hovering thrust.
+fn flight(name: &str, shares: [f64; 4], trembling: f64) -> MotorFlight {
+    let hover = 0.027 * G_MPS2 / 4.0 / 0.147;
+    let row = |k: u32| {
+        let t_s = f64::from(k) * 0.01;
+        let is_up = (4.0..16.0).contains(&t_s);
+        let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
+        let of = [1.0, 1.0, -1.0, -1.0].map(|side: f64| 1.0 + side * sign * trembling);
+        let command_frac =
+            [0, 1, 2, 3].map(|m| if is_up { hover * shares[m] * of[m] } else { 0.0 });
+        let height_m = Some(if is_up { 0.5 } else { 0.0 });
+        MotorRow { t_s, command_frac, supply_v: None, height_m }
+    };
+    let rows = (0..2000).map(row).collect();
+    MotorFlight { name: name.into(), commands: "made".into(), rows, dropped: Dropped::default() }
+}
+
+fn hover(name: &str, shares: [f64; 4], trembling: f64) -> Hover {
+    Hover::of(&flight(name, shares, trembling), &vehicle()).unwrap()
+}
+
+/// Four accepted flights of a vehicle with trims, as they scatter from hour to hour.
+fn references() -> Vec<Hover> {
+    let trims = [1.02, 0.95, 1.12, 0.9];
+    [1.0, 1.004, 0.997, 1.002]
+        .iter()
+        .map(|all| hover("r", trims.map(|trim| trim * all), 0.02))
+        .collect()
+}
+
+fn judged(changed: [f64; 4], trembling: f64) -> super::Report {
+    let (references, vehicle) = (references(), vehicle());
+    let trims = [1.02, 0.95, 1.12, 0.9];
+    let shares = [0, 1, 2, 3].map(|m| trims[m] * changed[m]);
+    let report =
+        Judge::new(&references, &vehicle).unwrap().report(&hover("f", shares, trembling), &[]);
+    println!("{}", report.text());
+    report
+}
+
+#[test]
+fn prop_a_healthy_flight_is_no_gap_and_says_what_could_have_been_seen() {
+    let report = judged([1.01, 0.99, 1.01, 1.0], 0.02);
+    assert_eq!(report.outcome, Outcome::NoMaterialGap);
+    let [loss, load, shaking] = [0, 1, 2].map(|k| report.can_show[k].size.unwrap());
+    assert!((0.03..0.12).contains(&loss), "{loss}");
+    assert!((2e-4..1.5e-3).contains(&load), "{load}");
+    assert!((1.5..4.0).contains(&shaking), "{shaking}");
+    assert!(!report.not_checked.is_empty());
+}
+
+#[test]
+fn prop_what_could_just_be_seen_is_seen_and_half_of_it_is_not() {
+    let loss = judged([1.0; 4], 0.02).can_show[0].size.unwrap();
+    let weak = |loss: f64| judged([1.0, 1.0, 1.0 / (1.0 - loss), 1.0], 0.02).outcome.kind();
+    assert!(weak(1.2 * loss).is_gap());
+    assert!(!weak(0.5 * loss).is_gap());
+}
+
+#[test]
+fn prop_a_weak_motor_and_a_load_are_told_apart_by_yaw_where_they_are_large() {
+    let report = judged([1.0, 1.0, 1.0 / 0.75, 1.0], 0.02);
+    let Outcome::Named { effect } = &report.outcome else { panic!("{:?}", report.outcome) };
+    assert_eq!(effect.id, "weak_motor M3");
+    assert!((effect.theta[0] - 0.25).abs() < 0.04, "{effect:?}");
+    // A tenth of the mass at motor 3: three tenths more there, a tenth beside it, a tenth less across.
+    let report = judged([0.9, 1.1, 1.3, 1.1], 0.02);
+    let Outcome::Named { effect } = &report.outcome else { panic!("{:?}", report.outcome) };
+    assert_eq!(effect.id, "load M3");
+    assert!((effect.theta[0] - 0.0027).abs() < 4e-4, "{effect:?}");
+    let [low, high] = effect.theta_90[0];
+    assert!(low < 0.0027 && 0.0027 < high, "{effect:?}");
+}
+
+#[test]
+fn prop_two_weak_motors_are_a_set_at_these_two() {
+    let report = judged([1.2, 1.2, 1.0, 1.0], 0.02);
+    let places: Vec<Vec<usize>> =
+        report.outcome.effects().iter().map(|e| Cause::find(&e.id).unwrap().motors).collect();
+    assert!(!places.is_empty() && places.iter().all(|p| p == &[1, 2]), "{places:?}");
+}
+
+#[test]
+fn prop_another_vehicle_is_no_fault_of_this_one() {
+    let report = judged([0.85, 1.15, 0.86, 0.95], 0.02);
+    assert!(report.another_vehicle && matches!(report.outcome, Outcome::NotInLibrary { .. }));
+}
+
+#[test]
+fn prop_what_only_shakes_is_a_propeller_or_a_swinging_load() {
+    let report = judged([1.0; 4], 0.06);
+    let ids: Vec<&str> = report.outcome.effects().iter().map(|e| e.id.as_str()).collect();
+    assert!(ids.contains(&"unbalanced") && ids.contains(&"swinging"), "{ids:?}");
+    assert!(report.verdict.contains("3.0 times as much"), "{}", report.verdict);
+}
+
+#[test]
+fn prop_the_explanation_of_one_flight_foretells_another() {
+    let (references, vehicle) = (references(), vehicle());
+    let shares = [0.9, 1.1, 1.3, 1.1];
+    let trims = [1.02, 0.95, 1.12, 0.9];
+    let of =
+        |name: &str, all: f64| hover(name, [0, 1, 2, 3].map(|m| all * trims[m] * shares[m]), 0.02);
+    let report = Judge::new(&references, &vehicle).unwrap().report(&of("a", 1.0), &[of("b", 1.01)]);
+    assert!(report.held_out.unwrap().shrink > 0.9);
+}
+
+#[test]
+fn prop_what_cannot_be_judged_is_refused_in_words() {
+    let vehicle = vehicle();
+    let references = references();
+    let few = Judge::new(&references[..1], &vehicle).err().unwrap().to_string();
+    assert!(few.contains("1 accepted flights") && few.contains("--reference"), "{few}");
+    let mut short = flight("short", [1.0; 4], 0.0);
+    short.rows.truncate(600);
+    let why = Hover::of(&short, &vehicle).unwrap_err();
+    assert!(why.starts_with("it hovers 2.0 s"), "{why}");
+    let mut by_voltage = vehicle.clone();
+    by_voltage.thrust.voltage_exponent = 1.0;
+    assert!(Hover::of(&short, &by_voltage).unwrap_err().contains("was not logged"));
+    let mut low = flight("low", [1.0; 4], 0.02);
+    low.rows.iter_mut().for_each(|row| row.height_m = None);
+    let low = Hover::of(&low, &vehicle).unwrap();
+    assert!(!low.by_height && low.hover_s > 10.0);
+}

@@ -1,0 +1,229 @@
+//! How probable each cause is, by what accepted flights scatter.
+//!
+//! Flights of one session repeat to some tenths of a per cent; from session to session another battery, another place of it and other
+//! propellers move the balance by more. Four references of one session do not show that. So the scatter of healthy flights
+//! is that of the references together with what is usual between sessions, as if it had been seen on some flights before, and its
+//! tails are Student's. Against each cause stand "nothing" and "something else".
+
+use haltere_model::rotorcraft::{MOTORS, Rotorcraft};
+use nalgebra::{Matrix4, Vector4};
+
+use super::causes::{Cause, Kind, Trial};
+use super::hover::Hover;
+
+/// Usual scatter between sessions of vertical force, roll, pitch and yaw, as shares \[CrazyPAD, vehicle E9: all motors in common 5 %;
+/// pitch more than roll, since the pack slides fore and aft; yaw most, since the torque of a propeller scatters as well as its thrust\].
+const SESSIONS: [f64; MOTORS] = [0.05, 0.005, 0.01, 0.02];
+/// The same of the logarithm of the shaking \[CrazyPAD: a quarter between sets of propellers\].
+const SESSIONS_SHAKE: f64 = 0.25;
+/// Flights that the usual scatter counts as. Few, so that references soon outweigh it.
+const SESSIONS_COUNT: f64 = 4.0;
+/// Sessions that references are taken for: what they were flown in is not in the logs, and of one hour is one.
+const REFERENCE_SESSIONS: f64 = 2.0;
+/// Share of what it does by which the law of a cause is off: propellers are not cut to a law, and arms not measured.
+const LAW: f64 = 0.15;
+/// What changes that are not in the list do to the balance.
+const ELSE: [f64; MOTORS] = [0.10, 0.05, 0.05, 0.05];
+/// What a change does to the shaking: it is doubled.
+const SHAKEN: f64 = 0.7;
+/// Chance beforehand that nothing is changed; of the rest, that it is a cause at one motor, at two, one that only shakes, and
+/// something else: one fault is more usual than two, and another vehicle or set of propellers than two faults.
+const NOTHING: f64 = 0.5;
+const AT_ONE: f64 = 0.55;
+const AT_TWO: f64 = 0.15;
+const SHAKES: f64 = 0.1;
+const SOMETHING_ELSE: f64 = 0.2;
+/// Chance that what the balance shows shakes as well.
+const SHAKES_TOO: f64 = 0.5;
+/// Rates of two logs whose shaking may be compared differ by this at most, as a share.
+const SAME_RATE: f64 = 0.1;
+
+/// What healthy flights of a vehicle look like.
+pub struct Healthy {
+    mean: Vector4<f64>,
+    mean_shake: f64,
+    /// Variances of the next flight.
+    variance: Vector4<f64>,
+    variance_shake: f64,
+    freedom: f64,
+    rate_hz: f64,
+}
+
+/// Everything that can be said of a vehicle beside nothing.
+pub struct Rivals {
+    causes: Vec<(Cause, Vec<Trial>)>,
+}
+
+/// A flight against what healthy ones look like.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Change {
+    /// Of the balance.
+    pub balance: Vector4<f64>,
+    /// Of the logarithm of the shaking; `None` where the rates of the logs differ.
+    pub shake: Option<f64>,
+}
+
+/// Probabilities, which sum to 1.
+pub struct Weighed {
+    /// That nothing is changed.
+    pub nothing: f64,
+    /// That it is something that is not in the list.
+    pub something_else: f64,
+    /// Of each cause, most probable first.
+    pub causes: Vec<Candidate>,
+}
+
+/// A cause with what is known of it.
+pub struct Candidate {
+    /// It.
+    pub cause: Cause,
+    /// Its probability.
+    pub probability: f64,
+    /// Mean of its size at each place.
+    pub sizes: Vec<f64>,
+    /// Central 90 % of each.
+    pub sizes_90: Vec<[f64; 2]>,
+}
+
+impl Healthy {
+    /// From references, of which there is at least one.
+    pub fn of(references: &[Hover]) -> Option<Self> {
+        let first = references.first()?;
+        let n = references.len() as f64;
+        let mean = references.iter().map(|r| Vector4::from(r.balance)).sum::<Vector4<f64>>() / n;
+        let mean_shake = references.iter().map(|r| r.shake).sum::<f64>() / n;
+        let freedom = SESSIONS_COUNT + n - 1.0;
+        let next = (1.0 + 1.0 / n.min(REFERENCE_SESSIONS)) / freedom;
+        let variance = |usual: f64, apart: &dyn Fn(&Hover) -> f64| {
+            let seen: f64 = references.iter().map(|r| apart(r).powi(2)).sum();
+            next * (SESSIONS_COUNT * usual.powi(2) + seen)
+        };
+        let of_axis = |axis: usize| variance(SESSIONS[axis], &|r| r.balance[axis] - mean[axis]);
+        Some(Self {
+            mean,
+            mean_shake,
+            variance: Vector4::from_fn(|axis, _| of_axis(axis)),
+            variance_shake: variance(SESSIONS_SHAKE, &|r| r.shake - mean_shake),
+            freedom,
+            rate_hz: first.rate_hz,
+        })
+    }
+
+    /// What a flight has that healthy ones have not.
+    pub fn change(&self, hover: &Hover) -> Change {
+        let is_comparable = (hover.rate_hz / self.rate_hz - 1.0).abs() < SAME_RATE;
+        Change {
+            balance: Vector4::from(hover.balance) - self.mean,
+            shake: is_comparable.then_some(hover.shake - self.mean_shake),
+        }
+    }
+
+    /// Standard deviations of the balance of the next healthy flight.
+    pub fn sigma(&self) -> Vector4<f64> {
+        self.variance.map(f64::sqrt)
+    }
+
+    /// Logarithm of Student's density, but for what is the same for all rivals.
+    fn log_density(&self, residual: f64, variance: f64) -> f64 {
+        let square = residual.powi(2) / (self.freedom * variance);
+        -0.5 * ((self.freedom + 1.0) * square.ln_1p() + variance.ln())
+    }
+
+    fn balance_density(&self, residual: Vector4<f64>, more: Vector4<f64>) -> f64 {
+        let of = |axis: usize| self.log_density(residual[axis], self.variance[axis] + more[axis]);
+        (0..MOTORS).map(of).sum::<f64>().exp()
+    }
+
+    /// Density of the shaking; less than usual is no fault, and counts as usual.
+    fn shake_density(&self, change: &Change, is_shaken: bool) -> f64 {
+        let Some(shake) = change.shake else { return 1.0 };
+        let more = if is_shaken { SHAKEN.powi(2) } else { 0.0 };
+        self.log_density(shake.max(0.0), self.variance_shake + more).exp()
+    }
+}
+
+impl Rivals {
+    /// All causes for a vehicle.
+    pub fn of(vehicle: &Rotorcraft, to_balance: &Matrix4<f64>) -> Self {
+        let trials = |cause: Cause| {
+            let trials = cause.trials(vehicle, to_balance);
+            (cause, trials)
+        };
+        Self { causes: Cause::all().into_iter().map(trials).collect() }
+    }
+
+    /// The causes with their trials.
+    pub fn causes(&self) -> impl Iterator<Item = &(Cause, Vec<Trial>)> {
+        self.causes.iter()
+    }
+
+    /// How probable each is for what was seen.
+    pub fn weigh(&self, change: &Change, healthy: &Healthy) -> Weighed {
+        let [calm, shaken] = [false, true].map(|is| healthy.shake_density(change, is));
+        let either = SHAKES_TOO * shaken + (1.0 - SHAKES_TOO) * calm;
+        let none = healthy.balance_density(change.balance, Vector4::zeros());
+        let beside = Vector4::from(ELSE).map(|s| s.powi(2));
+        let nothing = NOTHING * none * calm;
+        let something_else = (1.0 - NOTHING)
+            * SOMETHING_ELSE
+            * healthy.balance_density(change.balance, beside)
+            * either;
+        let count =
+            |of: usize| self.causes.iter().filter(|(c, _)| c.motors.len() == of).count() as f64;
+        let priors = [SHAKES / count(0), AT_ONE / count(1), AT_TWO / count(2)];
+        let mut total = nothing + something_else;
+        let mut causes = Vec::new();
+        for (cause, trials) in &self.causes {
+            let prior = (1.0 - NOTHING) * priors[cause.motors.len()];
+            let shakes = match cause.kind {
+                // Without the shaking nothing is known of these.
+                Kind::Unbalanced | Kind::Swinging if change.shake.is_none() => 0.0,
+                Kind::Unbalanced | Kind::Swinging => shaken,
+                Kind::WeakMotor | Kind::Load => either,
+            };
+            let density = |trial: &Trial| {
+                let law = trial.adds.map(|value| (LAW * value).powi(2));
+                trial.weight * healthy.balance_density(change.balance - trial.adds, law)
+            };
+            let densities: Vec<f64> = trials.iter().map(density).collect();
+            let evidence = prior * shakes * densities.iter().sum::<f64>();
+            total += evidence;
+            causes.push(Candidate {
+                cause: cause.clone(),
+                probability: evidence,
+                sizes: marginal(trials, &densities, mean),
+                sizes_90: marginal(trials, &densities, central_90),
+            });
+        }
+        causes.iter_mut().for_each(|candidate| candidate.probability /= total);
+        causes.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+        Weighed { nothing: nothing / total, something_else: something_else / total, causes }
+    }
+}
+
+/// A number of the sizes at each place, whose densities are summed over the sizes at the others.
+fn marginal<T>(trials: &[Trial], densities: &[f64], of: fn(&mut Vec<(f64, f64)>) -> T) -> Vec<T> {
+    let places = trials.first().map_or(0, |trial| trial.sizes.len());
+    let total: f64 = densities.iter().sum();
+    let at = |place: usize| {
+        let sizes = trials.iter().map(|trial| trial.sizes[place]);
+        of(&mut sizes.zip(densities.iter().map(|density| density / total)).collect())
+    };
+    (0..places).map(at).collect()
+}
+
+fn mean(weighted: &mut Vec<(f64, f64)>) -> f64 {
+    weighted.iter().map(|(size, weight)| size * weight).sum()
+}
+
+fn central_90(weighted: &mut Vec<(f64, f64)>) -> [f64; 2] {
+    weighted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    [0.05, 0.95].map(|share| {
+        let mut sum = 0.0;
+        let at = weighted.iter().find(|(_, weight)| {
+            sum += weight;
+            sum >= share
+        });
+        at.or(weighted.last()).map_or(f64::NAN, |(size, _)| *size)
+    })
+}
