@@ -126,6 +126,7 @@ fn rows(section: &mut Section, vehicles: &[Vehicle; 2], curves: &[[Curve; 2]]) {
             })
             .collect(),
         note: String::new(),
+        ..Table::default()
     });
     let fits: Vec<f64> = curves
         .iter()
@@ -213,6 +214,7 @@ fn table(axis: usize, name: &str, vehicles: &[Vehicle; 2], curves: &[[Curve; 2]]
         .to_vec(),
         rows,
         note: "Lean in degrees, speed in m/s, both counted towards the motion.".into(),
+        ..Table::default()
     }
 }
 
