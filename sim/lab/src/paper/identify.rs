@@ -28,15 +28,15 @@ use crate::steps::{AXES, SIZES_M};
 /// K, P and I by axis: 1/s; rad per m/s and rad per m forward and right, share of thrust per m/s and per m up.
 pub type Loops = [[f64; 3]; 3];
 
-/// What the search found over 8, 10 and 20 s, with misfits of 2.36, 1.54 and 0.75: windows by their place in
-/// [`WINDOWS_S`], and loops.
+/// What the search found over 10, 14 and 20 s, with misfits of 1.54, 1.05 and 0.75 (8 s: 2.36, and not every seed flies):
+/// windows by their place in [`WINDOWS_S`], and loops.
 pub const FOUND: [(usize, Loops); 3] = [
-    (6, [[3.502, 0.365, 0.008], [2.725, 0.206, 0.023], [3.397, 0.300, 0.039]]),
     (8, [[3.333, 0.374, 0.015], [2.268, 0.155, 0.019], [3.056, 0.409, 0.023]]),
+    (10, [[3.141, 0.210, 0.038], [2.242, 0.123, 0.029], [3.043, 0.398, 0.025]]),
     (13, [[2.996, 0.169, 0.026], [2.057, 0.107, 0.022], [3.480, 0.311, 0.006]]),
 ];
 /// The one of the rule, among them.
-pub const CHOSEN: usize = 1;
+pub const CHOSEN: usize = 0;
 /// Its window.
 pub const WINDOW: usize = FOUND[CHOSEN].0;
 /// Misfit of `raw` that is good enough: what a guessed set had.
