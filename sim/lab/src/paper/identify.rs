@@ -8,12 +8,13 @@
 //! **P and I** of the velocity loop by flights of `raw` in the nominal world and on seeds of their own: for each window, with
 //! K as its cells have it ([`K_OFF`]), the least misfit to the twelve cells. The search walks from the vehicle's public firmware in
 //! ever smaller steps. The window is the shortest whose misfit is at most [`MOST_MISFIT`]. Longer ones fit still better, since
-//! with them responses may be slower: [`FOUND`] holds three, so that the page shows what every one predicts.
+//! with them responses may be slower: [`FOUND`] holds more than one, so that the page shows what every one predicts.
 //! Nothing of `modified` or `paper` is flown or looked at.
 
 use anyhow::{Result, bail};
 use haltere::cli::print as say;
-use haltere_core::control::{ControlConfig, ControlGains, Version};
+use haltere_core::control::drag::DragReading;
+use haltere_core::control::{ControlConfig, ControlGains, Version, margins};
 use haltere_model::PlantConfig;
 use haltere_pilot::PilotConfig;
 use rand::{RngExt as _, SeedableRng};
@@ -28,12 +29,11 @@ use crate::steps::{AXES, SIZES_M};
 /// K, P and I by axis: 1/s; rad per m/s and rad per m forward and right, share of thrust per m/s and per m up.
 pub type Loops = [[f64; 3]; 3];
 
-/// What the search found over 10, 14 and 20 s, with misfits of 1.54, 1.05 and 0.75 (8 s: 2.36, and not every seed flies):
-/// windows by their place in [`WINDOWS_S`], and loops.
-pub const FOUND: [(usize, Loops); 3] = [
-    (8, [[3.333, 0.374, 0.015], [2.268, 0.155, 0.019], [3.056, 0.409, 0.023]]),
-    (10, [[3.141, 0.210, 0.038], [2.242, 0.123, 0.029], [3.043, 0.398, 0.025]]),
-    (13, [[2.996, 0.169, 0.026], [2.057, 0.107, 0.022], [3.480, 0.311, 0.006]]),
+/// What the search found over 10 and 12 s, with misfits of 1.62 and 1.22 (8 s: 2.51, 9 s: 1.93): windows by their place in
+/// [`WINDOWS_S`], and loops.
+pub const FOUND: [(usize, Loops); 2] = [
+    (8, [[2.356, 0.428, 0.014], [2.533, 0.141, 0.018], [3.056, 0.420, 0.026]]),
+    (9, [[3.221, 0.231, 0.019], [2.405, 0.131, 0.015], [2.828, 0.367, 0.021]]),
 ];
 /// The one of the rule, among them.
 pub const CHOSEN: usize = 0;
@@ -43,9 +43,10 @@ pub const WINDOW: usize = FOUND[CHOSEN].0;
 pub const MOST_MISFIT: f64 = 1.7;
 
 /// Seeds of the search; no experiment is flown on them.
-const SEEDS: std::ops::Range<u64> = 9_100..9_103;
-/// Windows that are searched, s: from the shortest in which the larger steps end.
-const FROM_S: usize = 6;
+const SEEDS: std::ops::Range<u64> = 9_100..9_116;
+/// Windows that are searched, by their place in [`WINDOWS_S`]: 8 to 14 s, and the longest. In shorter ones the K of z do not
+/// fly.
+const SEARCHED: [usize; 6] = [6, 7, 8, 9, 10, 13];
 /// K may leave what the cells say by this share: they agree no better, and responses do overshoot.
 const K_OFF: f64 = 0.15;
 /// P and I where it begins: forward and right of the public firmware (crazyflie-firmware of 2022,
@@ -53,12 +54,14 @@ const K_OFF: f64 = 0.15;
 const START: [[f64; 2]; 3] = [[0.262, 0.0175], [0.175, 0.0175], [0.3, 0.039]];
 /// Spread of the rounds, in natural logarithms, and flights of each.
 const SPREADS: [f64; 6] = [0.6, 0.5, 0.4, 0.3, 0.2, 0.1];
-const FLIGHTS: usize = 30;
-/// Sets of an axis that are flown again on all seeds: single flights flatter.
-const FINALISTS: usize = 6;
+const FLIGHTS: usize = 24;
+/// Sets of an axis that are flown again on all seeds: single flights flatter, and a set that falls once is none.
+const FINALISTS: usize = 10;
 
-/// The configuration with these loops: P and I alone, no D, no integral of the position.
-pub fn with(loops: &Loops, control: &ControlConfig) -> ControlConfig {
+/// The source's controller with these loops, P and I alone, and its law v(θ).
+///
+/// With a tilt limit of 45 deg `raw` sinks in steps, since nothing of it compensates tilt, and falls in one flight of five.
+pub fn with(loops: &Loops, control: &ControlConfig, version: Version) -> ControlConfig {
     let [[k_x, p_x, i_x], [k_y, p_y, i_y], [k_z, p_z, i_z]] = *loops;
     let gains = ControlGains {
         pos_x_p_per_s: k_x,
@@ -76,7 +79,10 @@ pub fn with(loops: &Loops, control: &ControlConfig) -> ControlConfig {
         vel_z_d_frac_per_mps2: 0.0,
         ..control.gains
     };
-    ControlConfig { gains, ..control.clone() }
+    let mut control = ControlConfig { version, gains, ..control.clone() };
+    control.limits.tilt_deg = 30.0;
+    control.drag.reading = DragReading::VelocityOfAngle;
+    control
 }
 
 /// K of an axis by the cells of a version, 1/s: steps of 1 m and of 2 m.
@@ -93,8 +99,9 @@ type Tried = (Loops, [f64; 3]);
 /// Searches and prints window by window: K by the cells of `raw` and of `modified`, the loops and their misfit.
 pub fn run(pilot: &PilotConfig) -> Result<bool> {
     let mut chosen = None;
-    for (window, window_s) in WINDOWS_S.iter().enumerate().filter(|(_, s)| **s >= FROM_S) {
-        let by_cells = [0, 1, 2].map(|a| position_gains(a, 1, *window_s as f64));
+    for window in SEARCHED {
+        let window_s = WINDOWS_S[window];
+        let by_cells = [0, 1, 2].map(|a| position_gains(a, 1, window_s as f64));
         say(&format!("{window_s} s: K by modified {by_cells:.2?}; "))?;
         let Some((loops, misfit)) = search(pilot, window) else {
             say("the K of raw do not fly here\n")?;
@@ -103,12 +110,12 @@ pub fn run(pilot: &PilotConfig) -> Result<bool> {
         let sum: f64 = misfit.iter().sum();
         say(&format!("found {loops:.3?}, misfit {sum:.2}, by axis {misfit:.2?}\n"))?;
         if sum <= MOST_MISFIT && chosen.is_none() {
-            chosen = Some((*window_s, loops));
+            chosen = Some((window_s, loops));
         }
     }
     let Some((window_s, loops)) = chosen else { bail!("no window has a misfit of {MOST_MISFIT}") };
     say(&format!("# {window_s} s\n[control.gains]\n"))?;
-    say(&toml::to_string(&with(&loops, &pilot.control).gains)?)?;
+    say(&toml::to_string(&with(&loops, &pilot.control, Version::Raw).gains)?)?;
     Ok(true)
 }
 
@@ -146,7 +153,10 @@ fn search(pilot: &PilotConfig, window: usize) -> Option<Tried> {
     let [x, y, z] = [0, 1, 2].map(ranked);
     let finalists = x.into_iter().zip(y).zip(z).map(|((x, y), z)| [x, y, z]).collect();
     let again = flown(pilot, window, finalists, SEEDS);
-    flown(pilot, window, vec![best(&again)?.0], SEEDS).pop()
+    // The best of each axis together, or else the best that flew together.
+    let together = flown(pilot, window, vec![best(&again)?.0], SEEDS);
+    let sum = |t: &Tried| t.1.iter().sum::<f64>();
+    together.into_iter().chain(again).min_by(|a, b| sum(a).total_cmp(&sum(b)))
 }
 
 /// The best of each axis, and its misfit there.
@@ -158,7 +168,11 @@ fn best(all: &[Tried]) -> Option<Tried> {
 
 /// Flies `raw` once.
 fn fly_one(pilot: &PilotConfig, loops: &Loops, seed: u64) -> Result<Flown> {
-    let control = with(loops, &ControlConfig { version: Version::Raw, ..pilot.control.clone() });
+    // Neither version may be refused for its margins, of which `paper` has less. That is calculated; it is not flown.
+    if let Some(refusal) = margins::refusal(&with(loops, &pilot.control, Version::Paper)) {
+        bail!("{refusal}");
+    }
+    let control = with(loops, &pilot.control, Version::Raw);
     Ok(fly(&mut in_plant(pilot, &control, PlantConfig::hall(seed))?)?.0)
 }
 

@@ -1,6 +1,5 @@
 //! From the source's system as printed to ours as shipped: each extension alone, and one after the other.
 
-use haltere_core::control::drag::DragReading;
 use haltere_core::control::{ControlConfig, TiltCompensation, Version};
 use haltere_pilot::PilotConfig;
 
@@ -20,7 +19,7 @@ pub const EXTENSIONS: [(&str, Off); 7] = [
     ("drag-aware tilt compensation", |p| p.control.tilt_compensation = Some(TiltCompensation::Off)),
     ("low-pass of the feed-forward", |p| p.control.drag.filter_s = 0.0),
     ("integrators that expect the velocity", |p| p.control.drag.integral_reference_s = 0.0),
-    ("our gains and form of the law of drag", |p| {
+    ("our gains, tilt limit and form of the law of drag", |p| {
         p.control = printed(&p.control, p.control.version);
     }),
 ];
@@ -63,9 +62,7 @@ pub fn printed(control: &ControlConfig, version: Version) -> ControlConfig {
 
 /// The same with the gains that another window gives.
 pub fn printed_with(found: usize, control: &ControlConfig, version: Version) -> ControlConfig {
-    let mut control = identify::with(&identify::FOUND[found].1, control);
-    control.drag.reading = DragReading::VelocityOfAngle;
-    ControlConfig { version, ..control }
+    identify::with(&identify::FOUND[found].1, control, version)
 }
 
 #[cfg(test)]

@@ -191,9 +191,20 @@ fn run_all(experiments: &[&'static Experiment], bench: &Bench) -> Vec<Outcome> {
         .par_iter()
         .map(|experiment| Outcome {
             experiment,
-            section: (experiment.run)(bench).map_err(|error| format!("{error:#}")),
+            section: (experiment.run)(bench).map_err(|error| once(&format!("{error:#}"))),
         })
         .collect()
+}
+
+/// What a vehicle said again and again until it was given up, once.
+fn once(text: &str) -> String {
+    let mut said: Vec<&str> = Vec::new();
+    text.split("; ").for_each(|part| {
+        if !said.contains(&part) {
+            said.push(part);
+        }
+    });
+    said.join("; ")
 }
 
 /// What is written.
