@@ -84,7 +84,7 @@ impl PilotConfig {
             .take(MOST_GROUND_LINKS)
     }
 
-    /// The filter with the enhancements that `[control]` switches on: version `raw` flies without
+    /// The filter with the enhancements that `[control]` switches on: version `raw` flies on IMU and UWB alone, without
     /// drag term and with constant UWB noise, whatever `[estimator]` says. Learned errors of the UWB
     /// replace what it says of them by default; what it was told stays.
     pub fn estimator_in_force(&self) -> EstimatorConfig {
@@ -94,6 +94,8 @@ impl PilotConfig {
             estimator = estimator.learned_uwb_errors();
         }
         estimator.drag &= on.filter_drag;
+        estimator.board_vertical.fuse &= on.filter_aids;
+        estimator.baro.fuse &= on.filter_aids;
         if !on.variable_uwb_noise {
             estimator.uwb_noise = UwbNoise::Constant;
         }

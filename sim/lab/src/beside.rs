@@ -39,7 +39,7 @@ pub struct Options {
 pub fn run(options: &Options) -> Result<bool> {
     let inputs: Vec<&PathBuf> = options.config.iter().collect();
     haltere_log::written::look(&options.file, &inputs)?;
-    let pilot = crate::paper::pilot(options.config.as_deref(), &options.set)?;
+    let pilot = crate::compare::pilot_config(options.config.as_deref(), &options.set)?;
     // The source's hall, as the steps are flown in the simulator.
     let PlantConfig { room, survey, start_E_m, .. } = PlantConfig::hall(SEED);
     let vehicle = Vehicle::default();

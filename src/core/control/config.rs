@@ -10,16 +10,18 @@ use crate::control::ground::GroundConfig;
 use crate::control::voltage::VoltageConfig;
 use crate::keys::{BY_VERSION, Kind, Value};
 
-/// The two versions of the source.
+/// The two versions of the source, and what became of the second here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Version {
-    /// The cascade alone: no feed-forward, constant base thrust, no ground correction; in the
-    /// filter constant UWB noise and no drag.
+    /// The source's working implementation: PID, constant base thrust, and a filter of IMU and UWB with constant noise.
     Raw,
-    /// The cascade with every enhancement.
+    /// Every enhancement of the source, and what was added to them here.
     #[default]
     Modified,
+    /// The source's modified version as printed, and nothing else: of [`Self::Raw`] the UWB noise varies with height, drag
+    /// is fed forward as it comes, base thrust follows the battery, and the floor is corrected for.
+    Paper,
 }
 
 /// How thrust answers to tilt.
@@ -38,9 +40,10 @@ pub enum TiltCompensation {
 crate::keys! {
     /// Configuration of the controller, key `control`.
     pub struct ControlConfig {
-        /// Controller and filter of the source, without or with its enhancements.
+        /// Controller and filter: the source's without its enhancements, ours with more, or the source's as printed.
         ///
-        /// It decides every switch below that is not set, and the two of the filter.
+        /// It decides every switch below that is not set. raw and paper also leave out the board's vertical and the
+        /// barometer, and paper the time constants of `[control.drag]`, whatever is said of them.
         version: Version = Version::Modified, CTL_VERSION(47, Restart);
         /// Drag feed-forward.
         ///
@@ -56,7 +59,7 @@ crate::keys! {
         ground_correction: Option<bool> = None, {"true"}, CTL_GND_CORR(50, OnFloor);
         /// How thrust answers to tilt.
         ///
-        /// Not set: off in raw, drag_aware in modified.
+        /// Not set: drag_aware in modified, else off.
         tilt_compensation: Option<TiltCompensation> = None, {"\"drag_aware\""}, CTL_TILT_COMP(51, OnFloor);
         /// Drag term in the filter's prediction.
         ///
@@ -165,6 +168,8 @@ pub struct Enhancements {
     pub variable_uwb_noise: bool,
     /// Errors of the UWB learned by anchor.
     pub learned_uwb_errors: bool,
+    /// More than IMU and UWB in the filter, where it is told to fuse it: the board's vertical, the barometer.
+    pub filter_aids: bool,
 }
 
 /// Share of the fastest speed that is asked of the vehicle for long: with the rest the position loop catches the point up.
@@ -180,20 +185,25 @@ impl ControlConfig {
 
     /// Which enhancements version and switches leave on.
     pub fn enhancements(&self) -> Enhancements {
-        let on = self.version == Version::Modified;
+        let printed = self.version != Version::Raw;
+        let ours = self.version == Version::Modified;
+        let tilt = if ours { TiltCompensation::DragAware } else { TiltCompensation::Off };
         Enhancements {
-            drag_feed_forward: self.drag_feed_forward.unwrap_or(on),
-            voltage_base_thrust: self.voltage_base_thrust.unwrap_or(on),
-            ground_correction: self.ground_correction.unwrap_or(on),
-            tilt_compensation: self.tilt_compensation.unwrap_or(if on {
-                TiltCompensation::DragAware
-            } else {
-                TiltCompensation::Off
-            }),
-            filter_drag: self.filter_drag.unwrap_or(on),
-            variable_uwb_noise: self.variable_uwb_noise.unwrap_or(on),
-            learned_uwb_errors: self.learned_uwb_errors.unwrap_or(on),
+            drag_feed_forward: self.drag_feed_forward.unwrap_or(printed),
+            voltage_base_thrust: self.voltage_base_thrust.unwrap_or(printed),
+            ground_correction: self.ground_correction.unwrap_or(printed),
+            variable_uwb_noise: self.variable_uwb_noise.unwrap_or(printed),
+            tilt_compensation: self.tilt_compensation.unwrap_or(tilt),
+            filter_drag: self.filter_drag.unwrap_or(ours),
+            learned_uwb_errors: self.learned_uwb_errors.unwrap_or(ours),
+            filter_aids: ours,
         }
+    }
+
+    /// Time constants of the velocity that is fed forward and of the one that integrators expect of it, s: the source has none.
+    pub fn feed_forward_s(&self) -> [f64; 2] {
+        let DragConfig { filter_s, integral_reference_s, .. } = self.drag;
+        if self.version == Version::Paper { [0.0; 2] } else { [filter_s, integral_reference_s] }
     }
 }
 
@@ -209,7 +219,7 @@ impl LimitsConfig {
     }
 }
 
-choices!(Version: Raw "raw", Modified "modified");
+choices!(Version: Raw "raw", Modified "modified", Paper "paper");
 
 impl Value for Option<TiltCompensation> {
     fn kind() -> Kind {
@@ -266,7 +276,7 @@ mod tests {
             "[voltage]\nx = 1",
             "[ground]\na = 0.2",
             "[trims]\nroll = 1",
-            "version = \"paper\"",
+            "version = \"printed\"",
         ] {
             assert!(toml::from_str::<ControlConfig>(unknown).is_err(), "{unknown}");
         }
@@ -285,6 +295,15 @@ mod tests {
         let all = ControlConfig::default().enhancements();
         let less = ControlConfig { drag_feed_forward: Some(false), ..Default::default() };
         assert_eq!(less.enhancements(), Enhancements { drag_feed_forward: false, ..all });
+        let paper = ControlConfig { version: Version::Paper, ..Default::default() };
+        let printed = Enhancements {
+            drag_feed_forward: true,
+            voltage_base_thrust: true,
+            ground_correction: true,
+            variable_uwb_noise: true,
+            ..none
+        };
+        assert_eq!((paper.enhancements(), paper.feed_forward_s()), (printed, [0.0; 2]));
     }
 
     #[test]

@@ -324,9 +324,8 @@ impl Controller {
             self.memory.ff_velocity = LowPass::starting_at([v_x, v_y]);
             self.memory.expected_velocity = LowPass::starting_at([v_x, v_y]);
         }
-        let drag = &self.config.drag;
-        let [ff_x, ff_y] = self.memory.ff_velocity.step([sp_x, sp_y], drag.filter_s, dt_s);
-        let expected_s = drag.integral_reference_s;
+        let [filter_s, expected_s] = self.config.feed_forward_s();
+        let [ff_x, ff_y] = self.memory.ff_velocity.step([sp_x, sp_y], filter_s, dt_s);
         let [exp_x, exp_y] = self.memory.expected_velocity.step([sp_x, sp_y], expected_s, dt_s);
         // What the integrators see.
         let (mut i_x, mut i_y) = (e_x, e_y);

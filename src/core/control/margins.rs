@@ -18,7 +18,7 @@
 //! by half at least at [`HOLD_RADPS`].
 //!
 //! **Symbols.** K position gains, P I D velocity gains, τ `vel_d_filter_s`; k slope of the drag feed-forward,
-//! rad per m/s, F_f and F_e the low-passes of `drag.filter_s` and `drag.integral_reference_s` (1 in `raw`);
+//! rad per m/s, F_f and F_e the low-passes of `drag.filter_s` and `drag.integral_reference_s` (1 in `raw` and `paper`);
 //! d drag, 1/s: what the feed-forward is told of the vehicle forward and sideways, 0.65 down; ω 10 rad/s, ζ 0.7, T 30 ms, T_f 0.08 s; base(V) thrust that hovers at a voltage.
 //!
 //! **Source.** Vehicle and inner loop as in `gains`, VEHICLE.md. Margins of 6 dB and 30 degrees are the least of
@@ -213,14 +213,15 @@ impl Loop {
         };
         let drag = &config.drag;
         let forward = axis < 2 && config.enhancements().drag_feed_forward;
+        let [ff_filter_s, expected_s] = config.feed_forward_s();
         let slope = drag.lean_rad(axis.min(1), SLOPE_AT_MPS) / SLOPE_AT_MPS;
         Self {
             pos,
             vel,
             d_filter_s: g.vel_d_filter_s,
             ff_rad_per_mps: if forward { slope } else { 0.0 },
-            ff_filter_s: drag.filter_s,
-            expected_s: if forward { drag.integral_reference_s } else { 0.0 },
+            ff_filter_s,
+            expected_s: if forward { expected_s } else { 0.0 },
             // A lean of g⁻¹ d v holds a speed v: the vehicle is the one that the feed-forward was told of.
             drag_per_s: if axis < 2 {
                 (G_MPS2 * slope).max(LEAST_DRAG_PER_S)

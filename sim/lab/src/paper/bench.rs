@@ -1,6 +1,6 @@
 //! What every experiment works with: the configuration, seeds, worlds, missions and the progress bar.
 
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Result, bail};
 use rayon::prelude::*;
 
 use haltere::progress::Progress;
@@ -12,7 +12,7 @@ use haltere_model::lockstep::{Flight, Lockstep, Sample, fly};
 use haltere_pilot::{Action, CONDITIONS, Mode, PilotConfig};
 
 use super::beside::Beside;
-use super::step_tests::{Raw, fly_raw};
+use super::ladder;
 use crate::compare::{CENTRE_NE_M, in_plant};
 use crate::steps::item;
 
@@ -34,31 +34,11 @@ pub struct Bench {
     pub seed: u64,
     /// How far everything is, in simulated seconds.
     pub progress: Progress,
-    /// The steps of `raw`, or why there are none.
-    raw: Result<Raw, String>,
     /// The steps as another world flew them.
     pub beside: Option<Beside>,
 }
 
 impl Bench {
-    /// Flies the steps of `raw`: the window that they choose serves several experiments.
-    pub fn new(
-        pilot: PilotConfig,
-        [seed, repetitions]: [u64; 2],
-        progress: Progress,
-        beside: Option<Beside>,
-    ) -> Self {
-        let mut bench =
-            Self { pilot, repetitions, seed, progress, raw: Err("not flown".into()), beside };
-        bench.raw = fly_raw(&bench).map_err(|error| format!("{error:#}"));
-        bench
-    }
-
-    /// The steps of `raw`.
-    pub fn raw(&self) -> Result<&Raw> {
-        self.raw.as_ref().map_err(|error| anyhow!("{error}"))
-    }
-
     /// Seeds of the repetitions.
     pub fn seeds(&self) -> impl Iterator<Item = u64> + Clone + use<> {
         self.seed..self.seed + self.repetitions
@@ -67,6 +47,12 @@ impl Bench {
     /// The configuration in one of the two versions.
     pub fn version(&self, version: Version) -> ControlConfig {
         ControlConfig { version, ..self.pilot.control.clone() }
+    }
+
+    /// As printed, and as shipped: `version` of the source, and which of ours stands for it.
+    pub fn both(&self, version: Version) -> [ControlConfig; 2] {
+        let ours = if version == Version::Paper { Version::Modified } else { version };
+        [ladder::printed(&self.pilot.control, version), self.version(ours)]
     }
 
     /// Each case with each seed, on all cores; `seconds` is what one flight takes of simulated time.

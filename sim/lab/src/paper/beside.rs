@@ -22,11 +22,6 @@ pub struct Beside {
 }
 
 impl Beside {
-    /// Both versions.
-    pub fn versions(&self) -> [&[Flown]; 2] {
-        [&self.raw, &self.modified]
-    }
-
     /// Reads what the laboratory wrote.
     pub fn read(path: &Path) -> Result<Self> {
         let place = path.display();

@@ -165,6 +165,7 @@ fn from_the_step(of: &dyn Fn(usize, usize, usize) -> Spread) -> Table {
         columns,
         rows: rows.collect(),
         note: String::new(),
+        ..Table::default()
     }
 }
 

@@ -1,19 +1,19 @@
 //! `haltere-lab paper`: every experiment of the source in lockstep, ours beside its numbers.
 //!
 //! One list, [`EXPERIMENTS`], drives what is run, printed, drawn and accepted by `--only`. Each
-//! experiment is a file of its own; `results` says what they give, `source` holds the source's numbers. The steps of
-//! `raw` are flown first: the window that they choose serves tables 2 and 3.
+//! experiment is a file of its own; `results` says what they give, `source` holds the source's numbers. `identify` reads
+//! the source's gains and window from its table, `ladder` leads from the source's system as printed to ours as shipped.
 
 mod angle_steps;
 mod bench;
 pub mod beside;
-mod contributions;
 mod document;
 mod drift;
 mod extrapolation;
 mod ground;
 mod height;
-mod limits;
+mod identify;
+mod ladder;
 mod noise;
 mod page;
 mod print;
@@ -27,15 +27,13 @@ pub mod table_3;
 mod tests;
 mod thrust;
 mod two_vehicles;
-mod worlds;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use haltere::cli::print as say;
 use haltere::progress::Progress;
 use haltere::report::verdict::all_passed;
-use haltere_pilot::PilotConfig;
 use rayon::prelude::*;
 
 use crate::compare::pilot_config;
@@ -61,8 +59,7 @@ pub struct Options {
     /// Threads; all cores when not given.
     #[arg(long)]
     threads: Option<usize>,
-    /// Configuration whose `[control]` and `[estimator]` sections are flown; without it the defaults, but for the
-    /// board's vertical, which the source's filter does not have.
+    /// Configuration whose `[control]` and `[estimator]` sections are flown; without it the defaults.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Change one key, as for the companion.
@@ -77,6 +74,9 @@ pub struct Options {
     /// Print JSON instead of tables.
     #[arg(long)]
     json: bool,
+    /// Instead of flying experiments find the source's gains from its cells of `raw` (table 3), and print them.
+    #[arg(long)]
+    identify: bool,
 }
 
 /// One experiment.
@@ -158,13 +158,6 @@ static EXPERIMENTS: &[Experiment] = &[
         seconds: step_tests::seconds,
         run: step_tests::run,
     },
-    Experiment {
-        name: "contributions",
-        number: "9",
-        title: "What each enhancement contributes alone (beyond the source)",
-        seconds: contributions::seconds,
-        run: contributions::run,
-    },
 ];
 
 /// An experiment by name or number.
@@ -176,15 +169,20 @@ fn find(text: &str) -> Result<&'static Experiment, String> {
     })
 }
 
+/// Experiments that the source's conclusions rest on.
+const CONCLUSIONS: [&str; 2] = ["height", "steps"];
+
 /// What came of an experiment; one that failed does not take the others with it.
 pub struct Outcome {
     experiment: &'static Experiment,
     section: Result<Section, String>,
 }
 
-/// The lines of the summary, in the order of the experiments.
+/// The lines of the summary: what the source concludes first, then in the order of the experiments.
 fn summary(outcomes: &[Outcome]) -> Vec<&Line> {
-    outcomes.iter().filter_map(|o| o.section.as_ref().ok()).flat_map(|s| &s.lines).collect()
+    let mut order: Vec<&Outcome> = outcomes.iter().collect();
+    order.sort_by_key(|o| !CONCLUSIONS.contains(&o.experiment.name));
+    order.iter().filter_map(|o| o.section.as_ref().ok()).flat_map(|s| &s.lines).collect()
 }
 
 /// Runs experiments side by side.
@@ -193,20 +191,20 @@ fn run_all(experiments: &[&'static Experiment], bench: &Bench) -> Vec<Outcome> {
         .par_iter()
         .map(|experiment| Outcome {
             experiment,
-            section: (experiment.run)(bench).map_err(|error| format!("{error:#}")),
+            section: (experiment.run)(bench).map_err(|error| once(&format!("{error:#}"))),
         })
         .collect()
 }
 
-/// The source's filter has TDOA and IMU and no word of the board on what is down, which we fly with otherwise. Its
-/// `raw` steps lean on that: with the board's vertical those in x and y are 6 to 8 % better, and gain less by what follows.
-const SOURCE_FILTER: &str = "estimator.board_vertical.fuse=false";
-
-/// The configuration that is flown; who gives one, whole or by keys, is taken at his word.
-pub fn pilot(file: Option<&Path>, set: &[String]) -> Result<PilotConfig> {
-    let own = file.is_none().then(|| SOURCE_FILTER.to_owned());
-    let keys: Vec<String> = own.into_iter().chain(set.iter().cloned()).collect();
-    pilot_config(file, &keys)
+/// What a vehicle said again and again until it was given up, once.
+fn once(text: &str) -> String {
+    let mut said: Vec<&str> = Vec::new();
+    text.split("; ").for_each(|part| {
+        if !said.contains(&part) {
+            said.push(part);
+        }
+    });
+    said.join("; ")
 }
 
 /// What is written.
@@ -220,7 +218,18 @@ pub fn run(options: &Options) -> Result<bool> {
     if let Some(path) = &options.doc {
         haltere_log::written::look(path, &inputs)?;
     }
-    let pilot = pilot(options.config.as_deref(), &options.set)?;
+    let pilot = pilot_config(options.config.as_deref(), &options.set)?;
+    let mut pool = rayon::ThreadPoolBuilder::new();
+    if let Some(threads) = options.threads {
+        if threads == 0 {
+            bail!("--threads 0: at least one is needed; leave it out for all cores");
+        }
+        pool = pool.num_threads(threads);
+    }
+    let pool = pool.build()?;
+    if options.identify {
+        return pool.install(|| identify::run(&pilot));
+    }
     let beside = options.beside.as_deref().map(Beside::read).transpose()?;
     let chosen: Vec<&'static Experiment> = EXPERIMENTS
         .iter()
@@ -230,18 +239,11 @@ pub fn run(options: &Options) -> Result<bool> {
     std::fs::create_dir_all(directory).with_context(|| {
         format!("{}: cannot be made a folder for the report", directory.display())
     })?;
-    let mut pool = rayon::ThreadPoolBuilder::new();
-    if let Some(threads) = options.threads {
-        if threads == 0 {
-            bail!("--threads 0: at least one is needed; leave it out for all cores");
-        }
-        pool = pool.num_threads(threads);
-    }
     let repetitions = options.repetitions;
     let flown_s = due(&chosen, repetitions);
     let progress = Progress::counted("s of flight", 0, flown_s);
-    let (outcomes, progress) = pool.build()?.install(|| {
-        let bench = Bench::new(pilot, [options.seed, repetitions], progress, beside);
+    let (outcomes, progress) = pool.install(|| {
+        let bench = Bench { pilot, repetitions, seed: options.seed, progress, beside };
         (run_all(&chosen, &bench), bench.progress)
     });
     progress.end();
@@ -264,10 +266,9 @@ pub fn run(options: &Options) -> Result<bool> {
     Ok(outcomes.iter().all(|o| o.section.as_ref().is_ok_and(|s| all_passed(&s.targets))))
 }
 
-/// Simulated seconds of experiments and of the steps that they share.
+/// Simulated seconds of experiments.
 fn due(experiments: &[&'static Experiment], repetitions: u64) -> u64 {
-    let own: u64 = experiments.iter().map(|e| repetitions * (e.seconds)()).sum();
-    own + step_tests::cost_of_raw(repetitions)
+    experiments.iter().map(|e| repetitions * (e.seconds)()).sum()
 }
 
 /// How the whole run was made.

@@ -9,7 +9,7 @@ use super::results::{Cell, Row, Section, Table};
 use super::{About, Outcome, summary};
 
 /// Columns that hold words, set to the left.
-pub const WORDS: [&str; 2] = [HEAD[4], HEAD[5]];
+pub const WORDS: [&str; 3] = [HEAD[4], HEAD[5], HEAD[6]];
 /// Points that a drawn series keeps in JSON.
 const POINTS: usize = 200;
 
@@ -33,12 +33,8 @@ pub fn text(outcomes: &[Outcome]) -> String {
 
 fn section_text(out: &mut String, section: &Section) {
     if !section.rows.is_empty() {
-        let mut head = HEAD.map(String::from).to_vec();
-        let others = section.rows.iter().any(|row| row.other.is_some());
-        if others {
-            head.insert(OTHER_AT, OTHER.into());
-        }
-        let rows = section.rows.iter().map(|row| cells(row, others));
+        let head = HEAD.map(String::from).to_vec();
+        let rows = section.rows.iter().map(|row| cells(row).to_vec());
         columns(out, std::iter::once(head).chain(rows).collect());
     }
     for Table { title, columns: names, rows, .. } in &section.tables {
@@ -61,27 +57,21 @@ fn section_text(out: &mut String, section: &Section) {
 }
 
 /// Heads of the columns of rows.
-pub const HEAD: [&str; 6] = ["", "source", "ours", "ratio", "verdict", "why, as far as checked"];
-/// Of the other world, and its place among them.
-pub const OTHER: &str = "other world";
-/// See [`OTHER`].
-pub const OTHER_AT: usize = 3;
+pub const HEAD: [&str; 7] =
+    ["", "source", "as printed", "as shipped", "printed", "shipped", "why, as far as checked"];
 
-/// A row under these heads; `others`: with the other world.
-pub fn cells(row: &Row, others: bool) -> Vec<String> {
-    let mut cells = vec![
+/// A row under these heads. What was flown once for both columns stands in the second.
+pub fn cells(row: &Row) -> [String; 7] {
+    let printed = row.printed.as_ref();
+    [
         format!("{}{}", row.what, unit(row.unit)),
         row.source_text(),
+        printed.map_or_else(|| "\u{2192}".into(), |p| p.text(row.decimals)),
         row.ours.text(row.decimals),
-        format!("{:.2}", row.ratio()),
-        row.verdict().word().into(),
+        printed.map_or_else(String::new, |p| row.verdict_of(p).word().into()),
+        row.verdict_of(&row.ours).word().into(),
         row.why_text(),
-    ];
-    if others {
-        let other = row.other.as_ref().map_or_else(String::new, |o| o.text(row.decimals));
-        cells.insert(OTHER_AT, other);
-    }
-    cells
+    ]
 }
 
 /// A unit behind a name.
@@ -151,10 +141,9 @@ fn section_json(section: &Section) -> Value {
             "unit": row.unit,
             "ours": row.ours,
             "source": row.source,
-            "ratio": row.ratio(),
-            "other": row.other,
+            "printed": row.printed,
             "verdict": row.verdict().word(),
-            "limit": row.limit.as_ref().map(|(what, at)| json!({ "what": what, "value": at })),
+            "verdict_shipped": row.verdict_of(&row.ours).word(),
             "trials": row.trials.iter().map(|t| json!({
                 "change": t.change,
                 "value": t.value,

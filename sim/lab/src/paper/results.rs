@@ -14,6 +14,8 @@ use serde::Serialize;
 pub const CREDIT: [f64; 2] = [0.5, 1.5];
 /// A difference of less than this share of the source's number is none.
 const SAME: f64 = 0.10;
+/// Standard errors either way in which the mean of many repetitions is taken to lie.
+const SURE: f64 = 2.0;
 
 /// Mean and standard deviation over repetitions.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -34,6 +36,13 @@ impl Spread {
         let mean = values.iter().sum::<f64>() / n;
         let var = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
         Self { mean, std: (values.len() > 1).then(|| var.sqrt()), values }
+    }
+
+    /// Where the mean of many such repetitions lies; of one alone nobody knows.
+    fn interval(&self) -> [f64; 2] {
+        let n = self.values.len() as f64;
+        let off = self.std.map_or(f64::INFINITY, |std| SURE * std / n.sqrt());
+        [self.mean - off, self.mean + off]
     }
 
     /// Mean, and spread behind ±.
@@ -100,32 +109,34 @@ pub struct Row {
     pub unit: &'static str,
     /// Digits behind the point.
     pub decimals: usize,
-    /// Our number over the repetitions.
+    /// Ours as shipped, over the repetitions.
     pub ours: Spread,
+    /// The source's system as printed, flown here; nothing where it is the same flight.
+    pub printed: Option<Spread>,
     /// The source's.
     pub source: Source,
     /// Which way ours would be better.
     pub sense: Sense,
+    /// Whether the simulator is known to be kinder than reality here: then ours is never better.
+    pub kinder: bool,
     /// What was tried to explain the difference.
     pub trials: Vec<Trial>,
-    /// The same quantity as a limit leaves it at best, and which limit that is.
-    pub limit: Option<(String, f64)>,
-    /// The same in the other world, where that was flown.
-    pub other: Option<Spread>,
 }
 
-/// What a row says of its difference.
+/// What a row says of a difference.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Verdict {
-    /// Within a tenth of the source's number, or within our own spread.
+    /// Surely within a tenth of the source's number.
     Agrees,
-    /// On the good side of it.
+    /// Surely on the good side of it.
     Better,
-    /// Not reached, and a limit does not let it be.
-    BeyondLimit,
-    /// Trials that close the difference, and how much of it.
+    /// As [`Verdict::Better`], in a world that is kinder than the source's.
+    Kinder,
+    /// The repetitions scatter too much to say.
+    Scatters,
+    /// Surely elsewhere, with the trials that close the difference, and how much of it.
     Explained(Vec<(String, f64)>),
-    /// None does.
+    /// Surely elsewhere, and no trial closes it.
     NotExplained,
 }
 
@@ -135,15 +146,16 @@ impl Verdict {
         match self {
             Verdict::Agrees => "agrees",
             Verdict::Better => "better",
-            Verdict::BeyondLimit => "beyond a limit",
+            Verdict::Kinder => "kinder world",
+            Verdict::Scatters => "scatters",
             Verdict::Explained(_) => "differs, explained",
-            Verdict::NotExplained => "differs, not explained",
+            Verdict::NotExplained => "differs",
         }
     }
 }
 
 impl Row {
-    /// A row; trials and limit are added by hand.
+    /// A row; trials and the rest are added by hand.
     pub fn new(
         what: impl Into<String>,
         unit: &'static str,
@@ -157,11 +169,11 @@ impl Row {
             unit,
             decimals,
             ours,
+            printed: None,
             source,
             sense,
+            kinder: false,
             trials: Vec::new(),
-            limit: None,
-            other: None,
         }
     }
 
@@ -173,50 +185,51 @@ impl Row {
 
     /// Share of the difference that a trial closes; more than 1 overshoots.
     pub fn closes(&self, trial: &Trial) -> Option<f64> {
-        let difference = self.source.difference(self.ours.mean);
-        (difference != 0.0).then(|| (self.ours.mean - trial.value) / difference)
+        self.closes_of(self.printed.as_ref().unwrap_or(&self.ours), trial)
     }
 
-    /// Whether ours is where the source has it, or on the good side of it.
+    fn closes_of(&self, found: &Spread, trial: &Trial) -> Option<f64> {
+        let difference = self.source.difference(found.mean);
+        (difference != 0.0).then(|| (found.mean - trial.value) / difference)
+    }
+
+    /// Whether it is where the source has it, or on the good side of it: as printed, else ours.
     pub fn reached(&self) -> bool {
         matches!(self.verdict(), Verdict::Agrees | Verdict::Better)
     }
 
-    /// What the difference comes to.
+    /// What the difference comes to, of the source's system as printed where that was flown.
     pub fn verdict(&self) -> Verdict {
-        let difference = self.source.difference(self.ours.mean);
-        let scale = self.source.nearest(self.ours.mean).abs();
-        if difference.abs() <= (SAME * scale).max(self.ours.std.unwrap_or(0.0)) {
+        self.verdict_of(self.printed.as_ref().unwrap_or(&self.ours))
+    }
+
+    /// The same of either column.
+    pub fn verdict_of(&self, found: &Spread) -> Verdict {
+        let [low, high] = self.source.range;
+        let bounds = [low - SAME * low.abs(), high + SAME * high.abs()];
+        let [least, most] = found.interval();
+        if least >= bounds[0] && most <= bounds[1] {
             return Verdict::Agrees;
         }
         let better = match self.sense {
             Sense::Equal => false,
-            Sense::Less => difference < 0.0,
-            Sense::More => difference > 0.0,
+            Sense::Less => most < low,
+            Sense::More => least > high,
         };
         if better {
-            return Verdict::Better;
+            return if self.kinder { Verdict::Kinder } else { Verdict::Better };
         }
-        // A limit that ours beats is none.
-        let short_of = |at: f64| match self.sense {
-            Sense::Less | Sense::Equal => self.source.difference(at) > 0.0 && self.ours.mean >= at,
-            Sense::More => self.source.difference(at) < 0.0 && self.ours.mean <= at,
-        };
-        if self.limit.as_ref().is_some_and(|(_, at)| short_of(*at)) {
-            return Verdict::BeyondLimit;
+        if most >= bounds[0] && least <= bounds[1] {
+            return Verdict::Scatters;
         }
+        let share = |t: &Trial| Some((t.change.clone(), self.closes_of(found, t)?));
         let credited: Vec<(String, f64)> = self
             .trials
             .iter()
-            .filter_map(|t| Some((t.change.clone(), self.closes(t)?)))
+            .filter_map(share)
             .filter(|(_, share)| (CREDIT[0]..=CREDIT[1]).contains(share))
             .collect();
         if credited.is_empty() { Verdict::NotExplained } else { Verdict::Explained(credited) }
-    }
-
-    /// Ours over the source's; over the nearer end of a range.
-    pub fn ratio(&self) -> f64 {
-        self.ours.mean / self.source.nearest(self.ours.mean)
     }
 
     /// The source's number as text.
@@ -237,10 +250,8 @@ impl Row {
             format!("{change}: {value:.*}, closes {:.0} %", self.decimals, 100.0 * share)
         };
         match self.verdict() {
-            Verdict::Agrees | Verdict::Better => String::new(),
-            Verdict::BeyondLimit => self.limit.as_ref().map_or_else(String::new, |(limit, at)| {
-                format!("{limit}: {at:.*} at best", self.decimals)
-            }),
+            Verdict::Agrees | Verdict::Better | Verdict::Kinder => String::new(),
+            Verdict::Scatters => "more repetitions than were flown would tell".into(),
             Verdict::Explained(credited) => credited
                 .iter()
                 .map(|(change, share)| trial(change, *share))
@@ -280,7 +291,8 @@ impl Claim {
     pub fn of<'a>(rows: impl IntoIterator<Item = &'a Row>) -> Self {
         let verdicts: Vec<Verdict> = rows.into_iter().map(Row::verdict).collect();
         let count = |of: &[Verdict]| verdicts.iter().filter(|v| of.contains(v)).count();
-        let (agrees, better) = (count(&[Verdict::Agrees]), count(&[Verdict::Better]));
+        let agrees = count(&[Verdict::Agrees]);
+        let better = count(&[Verdict::Better, Verdict::Kinder]);
         match verdicts.len() {
             0 => Self::NotFlown,
             all if better + agrees == all && better > agrees => Self::Better,
@@ -354,6 +366,8 @@ pub struct Table {
     pub rows: Vec<Vec<Cell>>,
     /// What to know when reading it.
     pub note: String,
+    /// Whether it is short and told enough to stand in docs/PAPER.md too.
+    pub in_document: bool,
 }
 
 /// A figure of the source, or one of ours.
@@ -395,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn prop_only_a_trial_or_a_limit_explains_a_difference() {
+    fn prop_only_a_trial_explains_a_difference() {
         let source = Source::number(0.10, "table 0");
         let apart = row(&[0.19, 0.20, 0.21], source);
         assert_eq!(apart.verdict(), Verdict::NotExplained);
@@ -409,21 +423,30 @@ mod tests {
         let found = apart.clone().tried("no wind", 0.12);
         assert!(matches!(found.verdict(), Verdict::Explained(_)));
         assert!(found.why_text().contains("closes 80 %"), "{}", found.why_text());
-        let limited = |at| Row { limit: Some(("full thrust".into(), at)), ..apart.clone() };
-        assert_eq!(limited(0.11).verdict(), Verdict::BeyondLimit);
-        assert_eq!(limited(0.09).verdict(), Verdict::NotExplained);
+    }
+
+    /// Noise agrees with nothing, and neither does one flight.
+    #[test]
+    fn prop_what_agrees_is_sure_to() {
+        let source = Source::number(0.10, "table 0");
         assert_eq!(row(&[0.105, 0.104], source).verdict(), Verdict::Agrees);
+        assert_eq!(row(&[0.10], source).verdict(), Verdict::Scatters);
+        assert_eq!(row(&[0.02, 0.18, 0.10], source).verdict(), Verdict::Scatters);
+        let printed = Row { printed: Some(Spread::of([0.3, 0.31])), ..row(&[0.1, 0.1], source) };
+        assert_eq!(printed.verdict(), Verdict::NotExplained);
+        assert_eq!(printed.verdict_of(&printed.ours), Verdict::Agrees);
     }
 
     #[test]
-    fn prop_what_is_better_depends_on_the_sense() {
-        let half = row(&[0.05], Source::number(0.10, "table 0"));
-        assert_eq!((half.verdict(), half.ratio()), (Verdict::Better, 0.5));
+    fn prop_what_is_better_depends_on_sense_and_world() {
+        let half = row(&[0.05, 0.051], Source::number(0.10, "table 0"));
+        assert_eq!(half.verdict(), Verdict::Better);
+        assert_eq!(Row { kinder: true, ..half.clone() }.verdict(), Verdict::Kinder);
         for sense in [Sense::More, Sense::Equal] {
             let other = Row { sense, ..half.clone() };
             assert_eq!((other.verdict(), other.reached()), (Verdict::NotExplained, false));
         }
-        let twice = row(&[0.2], Source::number(0.10, "table 0"));
+        let twice = row(&[0.2, 0.201], Source::number(0.10, "table 0"));
         assert_eq!(Claim::of([&half, &half]), Claim::Better);
         assert_eq!(Claim::of([&half, &twice]), Claim::Partly);
         assert_eq!(Claim::of([&twice]), Claim::NotReproduced);

@@ -19,12 +19,16 @@ const FIGURES: [&str; 8] = [
     "Figure 10",
 ];
 
+fn bench(repetitions: u64) -> Bench {
+    let pilot = pilot_config(None, &[]).unwrap();
+    Bench { pilot, repetitions, seed: bench::SEED, progress: Progress::silent(), beside: None }
+}
+
 /// All outcomes, and the simulated seconds that were told and those that were counted.
 fn flown() -> &'static (Vec<Outcome>, [u64; 2]) {
     static FLOWN: OnceLock<(Vec<Outcome>, [u64; 2])> = OnceLock::new();
     FLOWN.get_or_init(|| {
-        let bench =
-            Bench::new(pilot(None, &[]).unwrap(), [bench::SEED, 1], Progress::silent(), None);
+        let bench = bench(1);
         let all: Vec<&Experiment> = EXPERIMENTS.iter().collect();
         let told = due(&all, 1);
         let outcomes = run_all(&all, &bench);
@@ -60,8 +64,7 @@ fn cell(table: &Table, row: usize, column: usize) -> f64 {
 /// and barometer had it 0.6 m high.
 #[test]
 fn regress_no_landing_by_a_weak_pack_is_taken_for_a_broken_sensor() {
-    let bench = Bench::new(pilot(None, &[]).unwrap(), [bench::SEED, 5], Progress::silent(), None);
-    super::thrust::run(&bench).unwrap();
+    super::thrust::run(&bench(5)).unwrap();
 }
 
 #[test]
@@ -107,7 +110,7 @@ fn prop_the_report_stands_alone_and_holds_every_figure() {
     for r in rows().filter(|r| !r.reached()) {
         assert!(!r.why_text().is_empty(), "{}", r.what);
     }
-    assert_eq!(summary(outcomes).len(), 12);
+    assert_eq!(summary(outcomes).len(), 13);
     for line in summary(outcomes) {
         assert!(page.contains(line.claim.word()) && text.contains(&line.text), "{}", line.text);
     }
@@ -117,22 +120,24 @@ fn rows() -> impl Iterator<Item = &'static Row> {
     flown().0.iter().filter_map(|o| o.section.as_ref().ok()).flat_map(|s| &s.rows)
 }
 
-/// Every cell of the source has its row, once, and the page of the documents names each with the source's number. Ours is
-/// what it was when the page was written: no test holds it.
+/// Every cell of the source has its row, once, and the page of the documents holds each of its numbers. Ours is what it was
+/// when the page was written: no test holds it.
 #[test]
 fn golden_every_cell_of_the_source_is_on_the_page() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/PAPER.md");
     let page = std::fs::read_to_string(path).unwrap();
+    assert!(page.split_whitespace().count() <= 2500, "docs/PAPER.md has more than 2500 words");
     let mut cells: std::collections::BTreeMap<&str, usize> = Default::default();
     let mut names = BTreeSet::new();
     for row in rows() {
         *cells.entry(row.source.origin).or_default() += 1;
         assert!(names.insert(&row.what), "{} twice", row.what);
-        let begin = format!("| {}{} | {} |", row.what, print::unit(row.unit), row.source_text());
-        let begin = begin.replace('*', "\\*");
+        let said = row.source_text();
+        let held = [format!("|{said}/"), format!("|{said}|")].iter().any(|c| page.contains(c));
         assert!(
-            page.contains(&begin),
-            "docs/PAPER.md lacks {begin}; its first lines say how it is written"
+            held,
+            "docs/PAPER.md lacks {}: {said}; its first lines say how it is written",
+            row.what
         );
     }
     // Five shares, five angles, two axes; four controllers, six columns, two numbers, and in how many motions the last of
@@ -173,13 +178,13 @@ fn val_variable_noise_scatters_less_near_the_floor() {
 #[test]
 fn val_uwb_corrects_what_the_imu_alone_cannot() {
     let table = &section("drift").tables[0];
-    // Rows: filter, IMU alone with three time constants, gyroscope alone; columns from 1: roll and pitch
+    // Rows: two filters, IMU alone with three time constants, gyroscope alone; columns from 1: roll and pitch
     // without a bias of the gyroscope, then with a small one.
     for column in [1, 2] {
-        assert!(cell(table, 0, column) < cell(table, 2, column), "accelerometer bias: {table:?}");
+        assert!(cell(table, 0, column) < cell(table, 3, column), "accelerometer bias: {table:?}");
     }
     for column in [3, 4] {
-        assert!(cell(table, 0, column) < 0.5 * cell(table, 4, column), "drift: {table:?}");
+        assert!(cell(table, 0, column) < 0.5 * cell(table, 5, column), "drift: {table:?}");
     }
 }
 
@@ -215,7 +220,7 @@ fn val_laws_of_drag_and_thrust() {
     assert!((20.0..26.0).contains(&lean(0, 0)));
     assert!((9.0..15.0).contains(&lean(0, 1)));
     assert!(lean(1, 0) > lean(0, 0));
-    let r2 = |order: u32| ours("thrust", &format!("R\u{b2} of order {order}"));
+    let r2 = |order: u32| ours("thrust", &format!("R\u{b2} of order {order}, points filtered"));
     assert!(r2(1) <= r2(2) && r2(2) <= r2(3) && r2(3) < 1.0, "{} {} {}", r2(1), r2(2), r2(3));
     let ratio = ours("ground", "thrust ratio at 0.33 m");
     assert!((0.90..0.94).contains(&ratio), "{ratio}: 0.92 is simulated");
@@ -230,37 +235,6 @@ fn val_variable_base_thrust_helps_where_nothing_integrates() {
     let held = |variant: &str| ours("height", &format!("{variant}, X, mean"));
     let (constant, variable) = (held("constant P"), held("variable P"));
     assert!(constant > variable, "{constant} {variable}");
-}
-
-#[test]
-fn val_modified_gains_over_raw_by_as_much_as_there_is_drag() {
-    // The repetitions of the page: one alone scatters by 0.08 along z.
-    let bench = Bench::new(pilot(None, &[]).unwrap(), [bench::SEED, 5], Progress::silent(), None);
-    let rows = super::step_tests::run(&bench).unwrap().rows;
-    let of = |axis: &str| {
-        let what = format!("raw over modified, {axis}, position");
-        rows.iter().find(|row| row.what.starts_with(&what)).unwrap()
-    };
-    let (x, y, z) = (of("x").ours.mean, of("y").ours.mean, of("z").ours.mean);
-    assert!(x > 1.5 && x > y && y > z && z > 0.9, "{x} {y} {z}");
-    // With the forward drag sideways too, y gains as x does; with the public firmware's gains both gain more.
-    let y_row = of("y");
-    let trial = |of: &str| y_row.trials.iter().find(|t| t.change.contains(of)).unwrap().value;
-    assert!((trial("drag as large") / x - 1.0).abs() < 0.15, "{y_row:?}");
-    assert!(trial("public firmware") > y, "{y_row:?}");
-}
-
-/// No cell of ours may lie below what a limit of the vehicle leaves at best: then the limit is wrong.
-#[test]
-fn prop_no_limit_is_beaten() {
-    for row in rows().filter(|r| r.source.origin == "table 3" && r.what.starts_with("modified")) {
-        let (limit, at) = row.limit.as_ref().unwrap();
-        // The law with its velocity on the setpoint is none: a velocity may be ahead of it.
-        if limit.starts_with("a position gain") {
-            continue;
-        }
-        assert!(row.ours.mean > 0.9 * at, "{}: {} below {at}, {limit}", row.what, row.ours.mean);
-    }
 }
 
 /// What the first repetition gave when this was written; a change of the companion or of the simulator
