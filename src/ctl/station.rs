@@ -36,7 +36,7 @@ const SILENCE: Duration = Duration::from_secs(2);
 /// Our own heartbeat: several a second, because a vehicle that flies on simulated time faster than real counts
 /// its own seconds without one.
 const HEARTBEAT_PERIOD: Duration = Duration::from_millis(200);
-/// Wait for the answer to a command, and times it is sent (GROUND.md: QGroundControl's 3 times).
+/// Wait for the answer to a command, and times it is sent (STATIONS.md: QGroundControl's 3 times).
 const ACK_TIMEOUT: Duration = Duration::from_millis(1200);
 const ACK_TRIES: u32 = 3;
 /// A command in progress may take this long in all.

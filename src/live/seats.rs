@@ -11,7 +11,7 @@ use haltere_dialect::mav_stream::{MAX_FRAME, MavSplitter};
 /// Who was silent for so long has left, s: stations send their heartbeat every second, and one may get lost.
 pub(super) const LEFT_S: f64 = 2.5;
 /// A station that was silent for so long is forgotten though nobody wants its place, s. Some scripts listen for a
-/// minute and say nothing (GROUND.md).
+/// minute and say nothing (STATIONS.md).
 const FORGET_S: f64 = 60.0;
 
 /// System and component.

@@ -18,44 +18,51 @@ pub fn page() -> String {
          and how they are answered: `docs/SERVICES.md`; the link to the board: `docs/BOARDS.md`.\n",
     );
     page += "\n## Heard from stations\n\n\
-             Who is not among `ground.commanders` may look. What steers is not passed on to the board while we \
-             steer it; of COMMAND_INT and COMMAND_LONG the next table says it.\n\n\
-             | message | id | may be sent by | steers |\n|---|---|---|---|\n";
-    for said in SAID {
-        let (name, id, who) = (said.name, said.id, who(&said.permit));
-        let _ = writeln!(page, "| {name} | {id} | {who} | {} |", mark(said.steers));
-    }
+             By who may send them; who is not among `ground.commanders` may look. What steers is not passed on to the \
+             board while we steer it; of COMMAND_INT and COMMAND_LONG the next list says it.\n\n";
+    grouped(
+        &mut page,
+        SAID.iter().map(|said| {
+            let steers = if said.steers { ", steers" } else { "" };
+            (format!("{}{steers}", who(&said.permit)), format!("{} ({})", said.name, said.id))
+        }),
+    );
     page += "\n## Commands of stations\n\n\
-             All others are unsupported, for commanders alone, and steer.\n\n\
-             | command | may be sent by | steers | refused in a shadow | done |\n|---|---|---|---|---|\n";
-    for order in ORDERS {
-        let steers = match order.steers {
-            Steers::No => "",
-            Steers::Yes => "x",
-            Steers::Rate => "what we need ourselves",
-        };
-        let _ = writeln!(
-            page,
-            "| {:?} | {} | {steers} | {} | {} |",
-            order.command,
-            who(&order.permit),
-            mark(order.refused_in_shadow),
-            mark(order.is_done())
-        );
-    }
+             All others are unsupported, for commanders alone, and steer; *unsupported* are some of these too.\n\n";
+    grouped(
+        &mut page,
+        ORDERS.iter().map(|order| {
+            let steers = match order.steers {
+                Steers::No => "",
+                Steers::Yes => ", steers",
+                Steers::Rate => ", steers what we need ourselves",
+            };
+            let shadow = if order.refused_in_shadow { ", refused in a shadow" } else { "" };
+            let done = if order.is_done() { "" } else { ", unsupported" };
+            let of = format!("{}{steers}{shadow}{done}", who(&order.permit));
+            (of, format!("{:?}", order.command))
+        }),
+    );
     page += "\n## Shown to stations\n\n\
-             Rates are those of a link where nobody asks for others; 0 goes to who asks for it alone.\n\n\
-             | message | id | Hz | group |\n|---|---|---|---|\n";
+             By rate where nobody asks for another; 0 Hz goes to who asks for it alone. In brackets id and group.\n\n";
     let mut streams: Vec<_> = STREAMS.iter().collect();
-    streams.sort_by_key(|stream| stream.id);
-    for stream in streams {
-        let name = name_of_id(stream.id).unwrap_or_default();
-        let rate =
-            if stream.on_request { "on request".to_owned() } else { stream.rate_hz.to_string() };
-        let group = stream.group.map_or(String::new(), |group| format!("{group:?}"));
-        let group = group.trim_start_matches("MAV_DATA_STREAM_");
-        let _ = writeln!(page, "| {name} | {} | {rate} | {group} |", stream.id);
-    }
+    streams.sort_by_key(|stream| {
+        (stream.on_request, std::cmp::Reverse((stream.rate_hz * 1e3) as u64), stream.id)
+    });
+    grouped(
+        &mut page,
+        streams.into_iter().map(|stream| {
+            let name = name_of_id(stream.id).unwrap_or_default();
+            let rate = match stream.on_request {
+                true => "on request".to_owned(),
+                false => format!("{} Hz", stream.rate_hz),
+            };
+            let group = stream.group.map_or(String::new(), |group| format!("{group:?}"));
+            let group = group.trim_start_matches("MAV_DATA_STREAM_");
+            let comma = if group.is_empty() { "" } else { ", " };
+            (rate, format!("{name} ({}{comma}{group})", stream.id))
+        }),
+    );
     page += "\n## Our own\n\nIds 54100 to 54149; one XML file for every generator. NaN is \"not known\".\n";
     page += &own_messages(XML);
     page
@@ -69,8 +76,18 @@ fn who<F>(permit: &Permit<F>) -> &'static str {
     }
 }
 
-fn mark(is_so: bool) -> &'static str {
-    if is_so { "x" } else { "" }
+/// A line for each kind, in the order in which they come, with all that are of it.
+fn grouped(page: &mut String, rows: impl Iterator<Item = (String, String)>) {
+    let mut groups: Vec<(String, Vec<String>)> = Vec::new();
+    for (of, row) in rows {
+        match groups.iter_mut().find(|(known, _)| *known == of) {
+            Some((_, all)) => all.push(row),
+            None => groups.push((of, vec![row])),
+        }
+    }
+    for (of, all) in groups {
+        let _ = writeln!(page, "* **{of}**: {}.", all.join(", "));
+    }
 }
 
 fn own_messages(xml: &str) -> String {
@@ -79,24 +96,15 @@ fn own_messages(xml: &str) -> String {
         let message = message.split("</message>").next().unwrap_or_default();
         let head = message.split('>').next().unwrap_or_default();
         let described = between(message, "<description>", "</description>").unwrap_or_default();
-        let _ = write!(
-            page,
-            "\n### {} ({})\n\n{}\n\n| field | type | unit | |\n|---|---|---|---|\n",
-            attribute(head, "name"),
-            attribute(head, "id"),
-            plain(described)
-        );
+        let (name, id) = (attribute(head, "name"), attribute(head, "id"));
+        let _ = write!(page, "\n### {name} ({id})\n\n{}\n\n", plain(described));
         for field in message.split("<field ").skip(1) {
             let (head, rest) = field.split_once('>').unwrap_or((field, ""));
             let text = rest.split("</field>").next().unwrap_or_default();
-            let _ = writeln!(
-                page,
-                "| {} | {} | {} | {} |",
-                attribute(head, "name"),
-                attribute(head, "type"),
-                attribute(head, "units"),
-                plain(text).replace('|', "\\|")
-            );
+            let (name, kind) = (attribute(head, "name"), attribute(head, "type"));
+            let unit = attribute(head, "units");
+            let comma = if unit.is_empty() { "" } else { ", " };
+            let _ = writeln!(page, "* `{name}` ({kind}{comma}{unit}): {}", plain(text));
         }
     }
     page
@@ -138,12 +146,9 @@ mod tests {
     fn prop_every_own_message_has_its_fields() {
         let page = own_messages(XML);
         assert_eq!(page.matches("\n### ").count(), XML.matches("<message ").count());
-        assert_eq!(
-            page.matches("\n| ").count(),
-            XML.matches("<field ").count() + XML.matches("<message ").count()
-        );
+        assert_eq!(page.matches("\n* ").count(), XML.matches("<field ").count());
         assert!(
-            page.contains("| distance_diff | float | m | Distance to anchor_b minus"),
+            page.contains("* `distance_diff` (float, m): Distance to anchor_b minus"),
             "{page}"
         );
     }

@@ -79,8 +79,8 @@ pub fn page() -> String {
         "# Modes\n\n\
          Generated from `pilot::TABLE`; do not edit. Every change of mode is a row of the last table; an \
          event without a row for the mode in force changes nothing. A change is told as STATUSTEXT with \
-         its reason, and stands in the log under `/mode`. What the supervisor orders and why is in \
-         [SAFETY.md](SAFETY.md); the condition's own reason is told then.\n\n\
+         its reason, and stands in the log under `/mode`. Why the supervisor orders something is in \
+         [SAFETY.md](SAFETY.md); it is told with the condition's own reason.\n\n\
          ## Modes\n\n\
          `custom_mode` is PX4's, main mode << 16 with sub mode << 24, which most clients decode.\n\n\
          | mode | | thrust | position loop | custom_mode |\n|---|---|---|---|---|\n",
@@ -97,13 +97,18 @@ pub fn page() -> String {
             mode.custom_mode()
         );
     }
-    page += "\n## What leads out of each mode\n";
-    for mode in Mode::ALL {
-        let _ = write!(page, "\n### {}\n\n| when | then | told as |\n|---|---|---|\n", mode.name());
-        for row in TABLE.iter().filter(|row| row.from.contains(&mode)) {
-            let _ =
-                writeln!(page, "| {} | {} | {} |", event_words(row.on), row.to.name(), row.because);
-        }
+    page += "\n## What changes the mode\n\n\
+             | when | from | to | told as |\n|---|---|---|---|\n";
+    for row in TABLE {
+        let from: Vec<_> = row.from.iter().map(|mode| mode.name()).collect();
+        let _ = writeln!(
+            page,
+            "| {} | {} | {} | {} |",
+            event_words(row.on),
+            from.join(", "),
+            row.to.name(),
+            row.because
+        );
     }
     page
 }

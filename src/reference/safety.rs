@@ -2,32 +2,35 @@
 
 use std::fmt::Write as _;
 
-use haltere_pilot::{AT_REST, CONDITIONS, Condition, Mode, Number, PilotConfig, Reaction, Watched};
+use haltere_pilot::{AT_REST, CONDITIONS, Condition, Mode, Number, PilotConfig, Reaction};
 
-/// Modes with columns of their own; the others are said in words.
-const COLUMNS: [(&str, Mode); 13] = [
-    ("idle", Mode::Idle),
-    ("spool", Mode::Spool),
-    ("takeoff", Mode::Takeoff),
-    ("hold", Mode::Hold),
-    ("goto", Mode::Goto),
-    ("mission", Mode::Mission),
-    ("offboard", Mode::Offboard),
-    ("manual", Mode::Manual),
-    ("return", Mode::Return),
-    ("land", Mode::Land),
-    ("descend", Mode::Descend),
-    ("yielded", Mode::Yielded),
-    ("disarmed", Mode::Disarmed),
+/// Columns of the table of reactions, each for modes that mostly react alike; arming and disarming are said in words.
+const COLUMNS: [(&str, &[Mode]); 4] = [
+    ("disarmed, idle", &[Mode::Disarmed, Mode::Idle]),
+    ("spool", &[Mode::Spool]),
+    (
+        "in flight",
+        &[
+            Mode::Takeoff,
+            Mode::Hold,
+            Mode::Goto,
+            Mode::Mission,
+            Mode::Offboard,
+            Mode::Manual,
+            Mode::Return,
+            Mode::Land,
+        ],
+    ),
+    ("descend, yielded", &[Mode::Descend, Mode::Yielded]),
 ];
 
 const HEAD: &str = "\
 # Safety
 
-Generated from `pilot::CONDITIONS`; do not edit. In every control step (100 Hz) the supervisor walks the list below. What it \
-finds is told, and the hardest reaction to all that holds is flown. Nothing else ends a flight \
-but the orders of clients, the mission itself ([MODES.md](MODES.md)) and the end of the program (below). Defaults are those of \
-`config/haltere.toml`; a station may change most of them ([PARAMETERS.md](PARAMETERS.md), `SUP_` and `LIM_`).
+Generated from `pilot::CONDITIONS`; do not edit. In every control step (100 Hz) the supervisor walks the list of conditions \
+below. What it finds is told, and the hardest of all reactions is flown. Nothing else ends a flight but the orders of clients, \
+the mission itself ([MODES.md](MODES.md)) and the end of the program (below). A station may change most numbers \
+([CONFIGURATION.md](CONFIGURATION.md), parameters `SUP_` and `LIM_`).
 
 ## The ways down
 
@@ -68,20 +71,21 @@ barometer at 92 % of the hover thrust |
 
 ### What beats what
 
-* The hardest of all reactions that are wanted is flown, exactly one. Of several conditions that want it, the first in the list gives the reason.
-* Whatever the vehicle already does that is harder goes on: a landing is not turned into a return.
-* While a condition holds, an order that is milder is refused with the reason. Harder orders and forced disarming are always taken.
-* A condition that ends leaves its mode in force; a client may then order another. Only a **descend** becomes a landing by itself, when \
-nothing asks for it any more and the estimate has been good for 0.3 s. An estimate that was contradicted is not taken back.
+* Exactly one reaction is flown, the hardest that is wanted. The first condition in the list that wants it gives the reason.
+* What the vehicle already does goes on if it is harder: a landing is not turned into a return.
+* While a condition holds, a milder order is refused with the reason. Harder orders and forced disarming are always taken.
+* When a condition ends, its mode stays in force until a client orders another. Only a **descend** becomes a landing by itself, when \
+nothing asks for it any more and the estimate has been good for 0.3 s. An estimate that was contradicted is not taken back before \
+the vehicle is disarmed.
 * In the spool-up the floor still carries the vehicle: every reaction from **hold** on is **disarm** there.
-* A pause of the companion is no silence of others. When two control steps were more than 0.05 s apart, the pause is taken off the age of \
-IMU, board and client for the next 0.05 s, because what came meanwhile may wait to be read. Only the newest pause is taken off, so a \
-loop that pauses again and again hides no silence.
+* A pause of the companion is no silence of others. When two control steps were more than 0.05 s apart, the pause does not count in the \
+silence of IMU, board and client for the next 0.05 s, because what came meanwhile may wait to be read. Only the newest pause is taken \
+off, so a loop that pauses again and again hides no silence.
 
 ### Near the floor
 
-Landing and descent are one way down: what one has found of the floor holds for the other, and only an accelerometer that shows a fall takes \
-it back. Base thrust is what hovers at the present voltage; \"near the floor\" is so by the estimate or by the barometer.
+What a landing or a descent has found of the floor holds for the other too, and only an accelerometer that shows a fall takes it back. \
+Base thrust is what hovers at the present voltage; \"near the floor\" is so by the estimate or by the barometer.
 
 | what is seen | what follows |
 |---|---|
@@ -129,21 +133,18 @@ ask for messages, and for streams that we do not fly by. Every other command is 
 const AT_REST_HEAD: &str = "
 ## What is known at rest
 
-One table (`src/pilot/flight/at_rest.rs`). It is asked in this order when a client asks to arm; the first row that lets nothing \
-fly is the answer, and all of them are reported as health. Forced arming skips none. What can be flown with is told to \
-whoever arms, with what was measured (`at rest: …`). All rows but the board's are asked again when the motors are to turn: an \
-estimator that has lost its alignment since, a vehicle that was carried outside the fence or tipped over does not take off. \
-What is marked *live* is also what `haltere check --live` says.
+These rows are asked in this order when a client asks to arm. The first that lets nothing fly is the answer; all are reported as \
+health. Forced arming skips none. What can be flown with is told to whoever arms, with what was measured (`at rest: …`). All rows but \
+the board's are asked again when the motors are to turn. `haltere check --live` looks at the rows marked *live* too.
 
-| quantity | must be, and how well | looked at | said | follows |
+| quantity | must be, and how well | looked at | said, and the way out | follows |
 |---|---|---|---|---|
 ";
 
 const TAIL: &str = "
 ## When the program is to end
 
-Signals, terminals and whoever reads the output do not end a flight (`src/live/signals.rs`, `console.rs`, \
-`src/pilot/flight/ending.rs`):
+Neither a signal nor a closed terminal nor a reader of the output that is gone ends a flight:
 
 | what | while the vehicle is armed | disarmed |
 |---|---|---|
@@ -160,9 +161,8 @@ nothing | ends |
 | output that nobody reads (a stopped terminal, a full pipe), or whose reader is gone | lines are lost, counted as \
 `output_line_lost`, told to stations once and in the output where the gap is | the same |
 
-* On the way to its end the program takes no order that is milder than a landing: no hold, no point, no mission, no \
-arming. Who wants the vehicle elsewhere flies it there first. Landing, disarming and termination are taken, and what the \
-supervisor orders.
+* On the way to its end the program takes no order that is milder than a landing, and does not arm. Landing, disarming and termination \
+are taken, and what the supervisor orders. Who wants the vehicle elsewhere flies it there first.
 * A landing that takes longer than twice its time and 10 s becomes a descent. A board that does not disarm within \
 6 s, or that flies by itself for longer than 30 s, is left to its own failsafe.
 * The service is given 150 s to stop, and asks for more while it lands. The package is neither updated nor removed while \
@@ -171,8 +171,8 @@ the vehicle is armed.
 
 ## What is deliberately not covered
 
-* A board that flies itself into a wall: inner loops, their sensors and the motors' failsafe are the board's. \
-What it does when the companion falls silent is its own setting (docs/BOARDS.md).
+* A board that flies itself into a wall: inner loops, their sensors and the motors' failsafe are the board's, and so is what it does \
+when the companion falls silent (docs/BOARDS.md).
 * An accelerometer that errs along x and y alone: in flight the filter takes these forces from drag.
 * Wing damage, a stuck servo, a lost propeller are not recognised as such. What they do shows as \
 `off_course`, `tilt_high` or `speed_high`, or ends on the floor.
@@ -181,7 +181,7 @@ What it does when the companion falls silent is its own setting (docs/BOARDS.md)
 the vehicle may leave the walls in the landing that follows.
 * A position that is wrong and fits its measurements and every lean (a survey in the wrong place, of another size, or \
 turned by less than some 65 degrees).
-* While the board's link is silent nothing we send need arrive; the board's own failsafe is all there is.
+* While the board's link is silent nothing we send may arrive; the board's own failsafe is all there is.
 * The charge that a pack reports is not used; the time left is a straight line through the voltage, and \
 unknown in the first 35 s of a flight.
 * A joystick that falls silent ends in **hold**, and stays there until somebody orders otherwise or the \
@@ -201,14 +201,31 @@ fn number(config: &PilotConfig, n: &Number) -> String {
     }
 }
 
-fn watched(row: &Condition) -> &'static str {
-    match row.watched {
-        Watched::Always => "always",
-        Watched::Armed => "while it is armed",
-        Watched::Flight => "from the spool-up on",
-        Watched::Air => "from the take-off on",
-        Watched::In(_) => "in the modes below that have an entry",
+/// What follows in the modes of a column: one reaction, or each with the modes that have it.
+fn reactions(row: &Condition, modes: &[Mode], config: &PilotConfig) -> String {
+    let mut found: Vec<(&str, Vec<&str>)> = Vec::new();
+    for mode in modes {
+        let name = match row.reaction(*mode, config) {
+            Reaction::Nothing => "nothing",
+            reaction => reaction.name(),
+        };
+        match found.iter_mut().find(|(of, _)| *of == name) {
+            Some((_, modes)) => modes.push(mode.name()),
+            None => found.push((name, vec![mode.name()])),
+        }
     }
+    if let [("nothing", _)] = found[..] {
+        return String::new();
+    }
+    let bold = |name: &str| {
+        if matches!(name, "tell" | "nothing") { name.to_owned() } else { format!("**{name}**") }
+    };
+    // What most of them have stands first, and alone.
+    found.sort_by_key(|(_, modes)| std::cmp::Reverse(modes.len()));
+    let most = bold(found[0].0);
+    let others =
+        found[1..].iter().map(|(name, modes)| format!("; in {}: {}", modes.join(", "), bold(name)));
+    most + &others.collect::<String>()
 }
 
 fn severity(row: &Condition) -> &'static str {
@@ -222,25 +239,34 @@ fn severity(row: &Condition) -> &'static str {
 }
 
 fn end(row: &Condition) -> String {
-    let gone = if row.gone_s == 0.0 {
-        "as soon as it is gone".to_owned()
-    } else {
-        format!("gone for {} s", row.gone_s)
-    };
     if row.latched {
-        "disarming: it stays for the flight".to_owned()
-    } else if row.over.is_empty() {
-        gone
-    } else {
-        format!("{gone}; told as \"{}\"", row.over)
+        return " It stays until the vehicle is disarmed.".to_owned();
     }
+    let after = match row.gone_s {
+        s if s == GONE_S => String::new(),
+        0.0 => " at once".to_owned(),
+        s => format!(" after {s} s"),
+    };
+    match row.over {
+        "" if after.is_empty() => after,
+        "" => format!(" Over{after}."),
+        told => format!(" Over{after}: \"{told}\"."),
+    }
+}
+
+/// How long most conditions must be gone to be over, s.
+const GONE_S: f64 = 0.3;
+
+/// Name of a bit of SYS_STATUS without what all of them begin with.
+fn short(name: &str) -> String {
+    format!("`{}`", name.trim_start_matches("MAV_SYS_STATUS_"))
 }
 
 /// The page.
 pub fn page() -> String {
     let config = PilotConfig::default();
     let mut page = HEAD.to_owned();
-    page += "\n## Conditions and reactions\n\nBy default, in the order of the list. Empty: not looked at in \
+    page += "\n## Conditions and reactions\n\nBy default, in the order of the list. Empty, or nothing: not looked at in \
              that mode. In arming and disarming people are told where it is looked at.\n\n| condition |";
     for (name, _) in COLUMNS {
         let _ = write!(page, " {name} |");
@@ -248,39 +274,39 @@ pub fn page() -> String {
     let _ = writeln!(page, "\n|---|{}", "---|".repeat(COLUMNS.len()));
     for row in &CONDITIONS {
         let _ = write!(page, "| [{0}](#{0}) |", row.name);
-        for (_, mode) in COLUMNS {
-            let _ = match row.reaction(mode, &config) {
-                Reaction::Nothing => write!(page, "  |"),
-                Reaction::Tell => write!(page, " tell |"),
-                reaction => write!(page, " **{}** |", reaction.name()),
-            };
+        for (_, modes) in COLUMNS {
+            let _ = write!(page, " {} |", reactions(row, modes, &config));
         }
         page.push('\n');
     }
-    page += "\n## Each condition\n";
+    let _ = writeln!(
+        page,
+        "\n## Each condition\n\nBelow what is seen stand the reaction, for how long it must be seen before, how urgent the text is that \
+         people are told, and that text. A condition is over when it has been gone for {GONE_S} s, where no other time is given, and \
+         may be told then too. Health: bits of SYS_STATUS (`MAV_SYS_STATUS_…`) that show it. Numbers follow, each with its reason."
+    );
     for row in &CONDITIONS {
-        let _ = writeln!(page, "\n### {}\n\n{}\n", row.name, row.seen_by);
+        let wanted = (row.wanted)(&config).max(Reaction::Tell);
+        let lasts_s = (row.lasts_s)(&config);
+        let lasts = if lasts_s > 0.0 { format!(" after {lasts_s} s") } else { String::new() };
+        let _ = write!(
+            page,
+            "\n### {}\n\n{}\n\n* **{}**{lasts}, {}: \"{}\".{}",
+            row.name,
+            row.seen_by,
+            wanted.name(),
+            severity(row),
+            row.because,
+            end(row)
+        );
+        let bits: Vec<_> = row.health.iter_names().map(|(name, _)| short(name)).collect();
+        if !bits.is_empty() {
+            let _ = write!(page, " Health: {}.", bits.join(", "));
+        }
+        page.push('\n');
         for n in row.numbers {
             let _ = writeln!(page, "* {}", number(&config, n));
         }
-        let lasts_s = (row.lasts_s)(&config);
-        if lasts_s > 0.0 {
-            let _ = writeln!(page, "* must last {lasts_s} s");
-        }
-        let _ = writeln!(page, "* looked at {}", watched(row));
-        let wanted = (row.wanted)(&config).max(Reaction::Tell);
-        let _ = writeln!(
-            page,
-            "* reaction: {}, told as {} \"{}\"",
-            wanted.name(),
-            severity(row),
-            row.because
-        );
-        let bits: Vec<_> = row.health.iter_names().map(|(name, _)| format!("`{name}`")).collect();
-        if !bits.is_empty() {
-            let _ = writeln!(page, "* takes the health of {}", bits.join(", "));
-        }
-        let _ = writeln!(page, "* ends: {}", end(row));
     }
     page += "\nEvery beginning and end is also an event (`condition_begins`, `condition_ends` in \
              `events.json`), and stands in the log with its text.\n";
@@ -324,7 +350,7 @@ mod tests {
             }
         }
         for mode in Mode::ALL {
-            let shown = COLUMNS.iter().any(|(_, m)| *m == mode);
+            let shown = COLUMNS.iter().any(|(_, modes)| modes.contains(&mode));
             assert!(shown || matches!(mode, Mode::Arming | Mode::Disarming), "{mode:?}");
         }
     }

@@ -92,6 +92,7 @@ fn prop_the_package_holds_what_the_tutorials_need() {
     for needed in [
         "usr/bin/haltere",
         "usr/bin/haltere-sim",
+        "usr/share/doc/haltere/LICENCES.md",
         "usr/share/doc/haltere/LICENSE-APACHE",
         "usr/share/doc/haltere/LICENSE-MIT",
         "usr/share/doc/haltere/CITATION.cff",

@@ -1,4 +1,4 @@
-"""QGroundControl's message sequence, played from its sources (GROUND.md), against identity px4.
+"""QGroundControl's message sequence, played from its sources (STATIONS.md), against identity px4.
 
 It sees a quadrotor of PX4's: with vehicle type 2 the take-off button exists."""
 

@@ -2,16 +2,20 @@
 
 use std::fmt::Write as _;
 
-use super::{ALL, Block, Deviation, EffectSpec, Role};
+use super::{ALL, Deviation, EffectSpec, Role};
+
+/// Where most sizes come from.
+const USUAL_SOURCE: &str = "plausible sizes by judgement";
 
 /// The page, in Markdown.
 pub fn markdown() -> String {
     let mut page = String::from(
         "# Effects\n\nGenerated from the list in `src/model/effects` by `haltere-sim effects`; a \
-         test compares.\n\n*Nominal* effects are on unless a scenario switches them off. \
-         *Deviations* are off unless it switches them on; the diagnosis of the sim-to-real gap chooses \
-         from those with a star. Ranges and defaults are the \
-         Flapper's; of a size that goes with something another vehicle's are as much larger or smaller.\n",
+         test compares.\n\n*Nominal* effects are on unless a scenario switches them off. *Deviations* are off unless it \
+         switches them on; the diagnosis of the sim-to-real gap chooses from those with a star. An effect belongs to a block \
+         of the chain. A parameter is shown with its default, then its range, the value that switches it off where \
+         that is not 0, and its meaning. Ranges and defaults are the Flapper's; a size that goes with something is scaled by that for another \
+         vehicle. Sizes of deviations are plausible by judgement where no source is named.\n",
     );
     for (nominal, title) in [(true, "Nominal"), (false, "Deviations")] {
         let _ = write!(page, "\n## {title}\n");
@@ -19,33 +23,24 @@ pub fn markdown() -> String {
             page.push_str(&section(spec));
         }
     }
-    page.push_str(
-        "\n## Where\n\nWhere each deviation has its place in the chain: what the diagnosis says of a flight when it \
-         says where. Mission, controller and estimator are our own software and have none.\n\n\
-         | block | deviations |\n|---|---|\n",
-    );
-    for block in Block::CHAIN.into_iter().filter(|block| !block.is_consequence()) {
-        let own = ALL.iter().filter(|s| s.role != Role::Nominal && s.block == block);
-        let ids: Vec<&str> = own.map(|spec| spec.id).collect();
-        let _ = writeln!(page, "| `{}` | {} |", block.name(), ids.join(", "));
-    }
     page
 }
 
 /// What there is to say of one effect.
 pub fn section(spec: &EffectSpec) -> String {
     let mut page = String::new();
-    let star = if spec.deviation().is_some_and(|of| of.standard) { "*" } else { "" };
+    let of = spec.deviation();
+    let star = if of.is_some_and(|of| of.standard) { "*" } else { "" };
     // Writing to a String cannot fail.
     let _ = write!(page, "\n### {}{star} {}\n\n", spec.id, spec.name);
-    if let Some(of) = spec.deviation() {
+    if let Some(of) = of {
         let taken_for = match of.looks_like {
             [] => "nothing else".to_owned(),
             ids => ids.join(", "),
         };
         let _ = write!(
             page,
-            "{}\n\n* Usual causes: {}.\n* What to do: {}.\n* Shows as: {}.\n* Taken for: {taken_for}. {}\n\n",
+            "{}\n\n* Causes: {}.\n* What to do: {}.\n* Shows as: {}.\n* Taken for: {taken_for}. {}\n",
             verdict(spec, of),
             of.causes,
             of.remedy,
@@ -53,24 +48,20 @@ pub fn section(spec: &EffectSpec) -> String {
             of.apart,
         );
     }
-    let _ = write!(
-        page,
-        "Block `{}`. {}\n\n{}\n\nOff: {}\n",
-        spec.block.name(),
-        spec.source,
-        code(spec.equation),
-        spec.off
-    );
-    if spec.parameters.is_empty() {
-        return page;
+    let _ = writeln!(page, "* Block `{}`: `{}`", spec.block.name(), spec.equation);
+    if spec.source != USUAL_SOURCE {
+        let _ = writeln!(page, "* Source: {}", spec.source);
     }
-    page.push_str("\n| parameter | unit | default | range | off at | meaning |\n");
-    page.push_str("|---|---|---|---|---|---|\n");
+    if of.is_none() {
+        let _ = writeln!(page, "* Off: {}", spec.off);
+    }
     for p in spec.parameters {
+        let off = if p.off == 0.0 { String::new() } else { format!(", off {}", p.off) };
+        let unit = if p.unit.is_empty() { String::new() } else { format!(" {}", p.unit) };
         let _ = writeln!(
             page,
-            "| `{}` | {} | {} | {} to {} | {} | {} |",
-            p.name, p.unit, p.default, p.low, p.high, p.off, p.doc
+            "* `{}` = {}{unit} ({} to {}{off}): {}",
+            p.name, p.default, p.low, p.high, p.doc
         );
     }
     page
@@ -81,10 +72,6 @@ fn verdict(spec: &EffectSpec, of: &Deviation) -> String {
     let sided = spec.parameters.iter().filter(|p| p.ways.is_some());
     let list: Vec<_> = sided.map(|p| format!("{{{}}}", p.name)).collect();
     of.verdict.replace("{}", &list.join(", ")).replace(['{', '}'], "`")
-}
-
-fn code(equation: &str) -> String {
-    format!("```text\n{equation}\n```")
 }
 
 #[cfg(test)]

@@ -44,7 +44,7 @@ impl Flight {
     }
 
     /// The mode that clients are shown. On the floor one that waits for arming is shown as if it
-    /// were in force: clients that asked for it give up when it does not appear (GROUND.md).
+    /// were in force: clients that asked for it give up when it does not appear (STATIONS.md).
     pub(crate) fn shown_mode(&self) -> Mode {
         let next = self.guidance.next.mode();
         match (self.mode, next) {

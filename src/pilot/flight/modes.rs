@@ -89,7 +89,7 @@ impl Mode {
         Self::ALL.into_iter().find(|mode| mode.name() == name)
     }
 
-    /// PX4's numbers, which most clients decode (GROUND.md): main mode << 16 | sub mode << 24.
+    /// PX4's numbers, which most clients decode (STATIONS.md): main mode << 16 | sub mode << 24.
     pub fn custom_mode(self) -> u32 {
         let auto = |sub: u32| 4 << 16 | sub << 24;
         match self {
@@ -375,7 +375,7 @@ mod tests {
     #[test]
     fn val_custom_modes_are_those_of_px4() {
         // px4_custom_mode.h: main AUTO 4, OFFBOARD 6; AUTO sub TAKEOFF 2, LOITER 3, MISSION 4,
-        // RTL 5, LAND 6. The sums are those of GROUND.md's custom_mode_map.json.
+        // RTL 5, LAND 6. The sums are those of STATIONS.md's custom_mode_map.json.
         assert_eq!(M::Hold.custom_mode(), 50_593_792);
         assert_eq!(M::Offboard.custom_mode(), 393_216);
         // POSCTL 3.

@@ -30,7 +30,7 @@ pub(crate) enum Kind {
     Local,
 }
 
-/// The frames of GROUND.md's list and their float and integer twins; `None`: not supported.
+/// The frames of STATIONS.md's list and their float and integer twins; `None`: not supported.
 pub(crate) fn kind(frame: u8) -> Option<Kind> {
     use MavFrame as F;
     Some(match known(frame)? {

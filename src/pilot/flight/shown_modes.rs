@@ -11,7 +11,7 @@ pub(crate) struct ShownMode {
     /// Name for people.
     pub name: &'static str,
     /// What MAVLink's standard reserves it as. Position hold and its like are not ours to use: the
-    /// standard forbids them to types that are neither multicopter, VTOL nor plane (GROUND.md).
+    /// standard forbids them to types that are neither multicopter, VTOL nor plane (STATIONS.md).
     pub standard: MavStandardMode,
     /// Whether it flies by itself.
     pub properties: MavModeProperty,

@@ -3,7 +3,7 @@
 //! Source: the guide's "Events Interface" page, and the receiver of the libevents project. Events
 //! count in one sequence; a station that misses one asks for it. They go to the links whose stream
 //! CURRENT_EVENT_SEQUENCE is on: all of identity `px4`, and whoever asks for that stream. Texts that
-//! say the same end in a TAB there, by which such stations know not to show them twice (GROUND.md).
+//! say the same end in a TAB there, by which such stations know not to show them twice (STATIONS.md).
 
 use std::collections::VecDeque;
 

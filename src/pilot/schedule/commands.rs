@@ -70,7 +70,7 @@ impl Act<'_> {
         if !(p[1].is_finite() && p[1] >= 0.0) {
             return refuse(R::MAV_RESULT_DENIED, "DO_SET_MODE without a mode");
         }
-        // Both habits (GROUND.md): main and sub mode, or the whole number.
+        // Both habits (STATIONS.md): main and sub mode, or the whole number.
         let custom = if p[1] < 256.0 {
             let sub = if p[2].is_finite() { p[2] as u32 & 0xFF } else { 0 };
             (p[1] as u32) << 16 | sub << 24

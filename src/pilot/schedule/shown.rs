@@ -45,7 +45,7 @@ impl Act<'_> {
     }
 
     /// HEARTBEAT and CURRENT_MODE at once where the mode shown or the arming has changed: clients that
-    /// asked for it give up soon (GROUND.md).
+    /// asked for it give up soon (STATIONS.md).
     pub(crate) fn tell_mode(&mut self, at: HostTime) {
         let shown = (self.flight.shown_mode().custom_mode(), self.board.link.is_armed());
         if self.out.told.mode == Some(shown) {

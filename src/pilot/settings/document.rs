@@ -6,9 +6,10 @@ use std::fmt::Write as _;
 use toml::{Table, Value};
 
 use super::Config;
+use crate::stations::services::{all_parameters, said_of_parameter};
 use haltere_core::checks::schema::Schema;
 use haltere_core::checks::shown;
-use haltere_core::keys::{Key, Kind, Row, Section};
+use haltere_core::keys::{Key, Kind, Row, Section, When};
 
 /// One key.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -62,8 +63,10 @@ fn text_of(key: &Key) -> String {
         (Kind::Choice([.., (1, "on")]), _) => {}
         (Kind::Choice(all), _) => {
             let named = all.iter().filter(|(n, _)| f64::from(*n) >= low.max(0.0));
+            let told = !key.parameters.is_empty();
+            let number = |n: i8| if told { format!(" ({n})") } else { String::new() };
             let names: Vec<_> =
-                named.map(|(_, s)| format!("\"{}\"", s.replace(' ', "_"))).collect();
+                named.map(|(n, s)| format!("\"{}\"{}", s.replace(' ', "_"), number(*n))).collect();
             let _ = write!(text, " One of {}.", names.join(", "));
         }
         (_, Some(range)) => {
@@ -96,6 +99,20 @@ pub fn commented(text: &str) -> String {
     out + &line + "\n"
 }
 
+/// Parameters of stations that a key is known by, and when a new value of them acts.
+fn parameters_of(key: &DocumentedKey) -> String {
+    let full = format!("{}.{}", key.section, key.name);
+    let of: Vec<_> = all_parameters().filter(|p| p.key_of_list() == full).collect();
+    let Some(first) = of.first() else { return String::new() };
+    let acts = match first.when {
+        When::AtOnce => "at once",
+        When::OnFloor => "floor",
+        When::Restart => "restart",
+    };
+    let names: Vec<_> = of.iter().map(|p| format!("`{}`", p.name)).collect();
+    format!(" ({}, {acts})", names.join(", "))
+}
+
 /// The page `docs/CONFIGURATION.md`.
 pub fn configuration_page() -> String {
     let keys = reference();
@@ -103,14 +120,24 @@ pub fn configuration_page() -> String {
         "# Configuration\n\n\
          Generated from the rows of the keys; do not edit. {} keys.\n\n\
          Layers, later ones win: defaults; files named by `--config` in their order, or `haltere.toml` \
-         in the working directory; environment variables `HALTERE_SECTION__KEY`, with two underscores \
-         between sections too, such as `HALTERE_CONTROL__LIMITS__TILT_DEG=25`; `--set \
-         section.key=value`. Parameters that a station has set (`docs/PARAMETERS.md`) lie over files and \
-         under the last two. Unknown keys and values out of range are refused with file, line, key, value \
-         and range; `haltere check` tells all that is wrong at once. Logs of older builds are read with the keys of \
-         their time.\n",
+         in the working directory; parameters that a station has set, kept in `store.directory`; environment \
+         variables `HALTERE_SECTION__KEY`, with two underscores between sections too, such as \
+         `HALTERE_CONTROL__LIMITS__TILT_DEG=25`; `--set section.key=value`. Unknown keys and values out of range are \
+         refused with file, line, key, value and range; `haltere check` tells all that is wrong at once. Logs of older \
+         builds are read with the keys of their time.\n\n\
+         ## Parameters\n\n\
+         A station knows a key by the parameter that is named beside it, with the same default, range and unit; all are \
+         `MAV_PARAM_TYPE_REAL32`. A value that a station sets is checked by the same rules. A choice is sent as the number \
+         behind its name, false as 0, true as 1, and what is left to the version as -1. `MAV_CMD_PREFLIGHT_STORAGE` with \
+         param1 = 2 forgets all that were set. A new value acts *at once*, in flight too: outputs go on from where they \
+         are and fade to the new law; or on the *floor*, and is refused in flight, where setpoints or limits would jump; or \
+         after a *restart*.\n\n\
+         Clients of PX4 are told these besides, which no key has:\n\n",
         keys.len()
     );
+    for p in all_parameters().filter(|p| p.key.is_empty()) {
+        let _ = writeln!(page, "* `{}`: {}", p.name, said_of_parameter(p));
+    }
     let mut section = None;
     for key in &keys {
         if section != Some(&key.section) {
@@ -119,15 +146,12 @@ pub fn configuration_page() -> String {
                 "" => "Above every section".to_owned(),
                 name => format!("`[{name}]`"),
             };
-            let _ = write!(page, "\n## {title}\n\n| key | default | |\n|---|---|---|\n");
+            let _ = write!(page, "\n## {title}\n\n");
         }
-        let value = key.value.replace('|', "\\|");
-        let shown = if key.absent {
-            format!("absent; for example `{value}`")
-        } else {
-            format!("`{value}`")
-        };
-        let _ = writeln!(page, "| `{}` | {shown} | {} |", key.name, key.text.replace('|', "\\|"));
+        let absent = if key.absent { " none, as" } else { "" };
+        let parameters = parameters_of(key);
+        let _ =
+            writeln!(page, "* `{}` ={absent} `{}`{parameters}: {}", key.name, key.value, key.text);
     }
     page
 }
@@ -141,7 +165,8 @@ mod tests {
         let mut page = "# Configuration of the companion: every key with its default. Leave out what you do not change.\n\
              #\n\
              # Any key can also be set by an environment variable, HALTERE_SECTION__KEY=value, or on the command\n\
-             # line, --set section.key=value; the command line wins. Unknown keys are refused.\n\n"
+             # line, --set section.key=value; the command line wins. Unknown keys are refused. The number behind a choice\n\
+             # is what a station's parameter sends for it.\n\n"
             .to_owned();
         let mut section = String::new();
         for key in reference() {

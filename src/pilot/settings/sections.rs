@@ -111,11 +111,9 @@ haltere_core::keys! {
         /// program that a station sent: the oldest first, closed ones of this recorder only, none younger than a day.
         /// Left out: nothing is ever removed.
         budget_gb: Option<f64> = None, [0.0..=MOST_GB, "GB"], {"20.0"};
-        /// A log that is longer than this is closed and followed by another one, with a core that begins anew, when the
-        /// vehicle has stood disarmed for 10 s and no station waits for anything or has set what store.directory does
-        /// not keep: rates of streams, home, a program by its name. A flight is never cut, and a log goes on without a
-        /// store or while the board is silent. 0: never. 1000 MB are over an hour on the bench, and
-        /// leave 3 GB for a flight on FAT32.
+        /// A log that is longer than this is closed while nobody flies, and followed by another one (docs/INTERFACES.md,
+        /// section 5). A flight is never cut. 0: never. 1000 MB are over an hour on the bench, and leave 3 GB for a
+        /// flight on FAT32.
         // Over an hour on the bench; the 4 GB of a FAT32 card leave room for hours of flight behind it.
         rotate_mb: f64 = 1000.0, [0.0..=MOST_GB * 1e3, "MB"];
     }

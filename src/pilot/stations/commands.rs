@@ -14,7 +14,7 @@ use crate::out::Out;
 use crate::out::voice::Severity;
 
 /// Clients that wait for the board are told so after this time, s: half of what the most impatient
-/// waits for an answer (GROUND.md: MAVSDK 0.5 s; most of ours come within 20 ms).
+/// waits for an answer (STATIONS.md: MAVSDK 0.5 s; most of ours come within 20 ms).
 const IN_PROGRESS_AFTER_S: f64 = 0.25;
 /// … and again so often, s: a board whose sensors settle takes half a minute, and our own client waits
 /// 20 s for the next word.

@@ -13,7 +13,7 @@ use super::permits::Commanders;
 /// Most links to stations in all: link numbers of logs are one byte, tag and board are two of them.
 pub const MOST_GROUND_LINKS: usize = 64;
 
-/// Which autopilot clients take us for (GROUND.md section 3).
+/// Which autopilot clients take us for (STATIONS.md, Which identity).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Identity {

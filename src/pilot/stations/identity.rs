@@ -12,7 +12,7 @@ use crate::flight::shown_modes::SHOWN_MODES;
 /// MAV_TYPE_FLAPPING_WING.
 pub(crate) const FLAPPING_WING: u8 = MavType::MAV_TYPE_FLAPPING_WING as u8;
 /// Version that is told with identity `px4`: QGroundControl asks for 1.4.1 at least and chooses its
-/// translation of parameters by it (GROUND.md). Major, minor, patch, and 255 for a release.
+/// translation of parameters by it (STATIONS.md). Major, minor, patch, and 255 for a release.
 const PX4_VERSION: u32 = 1 << 24 | 14 << 16 | 0xFF;
 /// The last byte of `flight_sw_version` for a development version (FIRMWARE_VERSION_TYPE_DEV).
 const DEVELOPMENT: u32 = 0;

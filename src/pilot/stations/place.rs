@@ -14,7 +14,7 @@ use crate::flight::place::{
 
 impl Stations {
     /// What a command without a frame means: heights above sea level from those who take us for a
-    /// PX4, above home from everybody else (GROUND.md).
+    /// PX4, above home from everybody else (STATIONS.md).
     pub(crate) fn kind_of(&self, request: &Request) -> Result<Kind, Refusal> {
         let frame = match request.location {
             Location::Float { frame: None, .. } => {

@@ -104,7 +104,7 @@ const fn on_request(id: u32, make: Make) -> Stream {
 }
 
 /// Everything that can be shown: HEARTBEAT first, what is sent on request alone last. Silent clients wait for these
-/// (GROUND.md, "telemetry by default"). Our own messages go to who asks for them alone: a client that does not know
+/// (STATIONS.md, Telemetry by default). Our own messages go to who asks for them alone: a client that does not know
 /// them counts the gaps that they leave in the sequence as loss, a fifth of a perfect link.
 pub static STREAMS: [Stream; 34] = [
     stream(HEARTBEAT, 1.0, None, Always(telemetry::heartbeat)),

@@ -131,8 +131,9 @@ pub fn write(page: &mut String, n: u64) -> Result<()> {
 
 const ABOUT: &str = "\
 Rms error of the estimated height over 30 s of hover with `estimator.baro.fuse` off and on. Median, worst of
-the flights; in brackets how many of them got to hover at all. The simulated barometer has white noise of 2.5 Pa (0.2 m) and no weather, no wash of the wings:
-kinder than the recorded ones, where it costs up to 0.03 m ([ESTIMATOR.md](ESTIMATOR.md), *with barometer*).";
+the flights; in brackets how many of them got to hover, where not all. The simulated barometer has white noise of 2.5 Pa (0.2 m), no
+weather and no wash of the wings. On recorded flights it does not change the median
+([ESTIMATOR.md](ESTIMATOR.md), *without barometer*).";
 const ABOUT_BLIND: &str = "\
 Error of the height of a filter that hears no UWB any more while the vehicle hovers on (by itself it would
 land after 1 s, `limits.uwb_loss_land_s`):";

@@ -229,4 +229,4 @@ square* a second filter with `estimator.cold_start` is switched on beside the on
 neither position nor heading. Found: health is no longer `Lost`.";
 const ABOUT_DRIFT: &str = "\
 In hover nothing else shows the heading. The gyroscope's bias is learned on the floor and changes after the
-take-off; *bias learned*: `estimator.gyro_bias.estimate`, off unless configured, goes on learning it in flight:";
+take-off. *Bias learned*: `estimator.gyro_bias.estimate`, off unless configured, goes on learning it in flight.";

@@ -88,8 +88,8 @@ pub fn write(page: &mut String, n: u64) -> Result<()> {
 
 const ABOUT: &str = "\
 Angle between the estimated and the true vertical after 30 s of hover: median, worst of the flights; in brackets how
-many of them hovered. The filter models drag in still air along body x and y; a wind looks to it like a lean. Two
-remedies: `estimator.slow_force_s = 2`, off unless configured, takes what lasts beyond drag from the accelerometer (of the
-recorded flights one has an accelerometer that reads 2.6 m/s² too little in flight, and the filter diverges there with it:
-[ESTIMATOR.md](ESTIMATOR.md), *what lasts beyond drag*); `estimator.board_vertical.fuse`, on as shipped, takes the vertical of
-the board's own filter (no recording has one).";
+many of them hovered, where not all. The filter models drag in still air along body x and y; a wind looks to it like a lean. There
+are two remedies. `estimator.slow_force_s = 2`, off unless configured, takes what lasts beyond drag from the accelerometer; with a
+recorded accelerometer that reads 2.6 m/s² too little in flight the filter diverges so ([ESTIMATOR.md](ESTIMATOR.md), *what lasts
+beyond drag*). `estimator.board_vertical.fuse`, on as shipped, takes the vertical of the board's own filter (no recording has
+one).";

@@ -89,16 +89,15 @@ impl Recorded {
                 flights.into_iter().partition(|f| f.has_imu());
             let mut tell = tell;
             let mut rows = Vec::new();
-            for kind in [with_imu, unaided].into_iter().filter(|kind| !kind.is_empty()) {
-                rows.push(integrity(&kind, &flown, &mut tell));
+            for (title, kind) in [("with IMU", with_imu), ("TDOA alone", unaided)] {
+                if !kind.is_empty() {
+                    rows.push((title, integrity(&kind, &flown, &mut tell)));
+                }
             }
             if self.json {
                 print_json(&rows)?;
             }
-            for kind in &rows {
-                print_integrity(&mut table, kind)?;
-                table.push('\n');
-            }
+            print_integrity(&mut table, &rows)?;
         } else {
             let starts = cold_starts(&flights, &flown, tell);
             if self.json {

@@ -207,7 +207,7 @@ impl Report<'_> {
             return text;
         }
         text.push_str(
-            "| flight | fault | phase | outcome | what happened | modes |\n|---|---|---|---|---|---|\n",
+            "| flight | fault | phase | outcome | what happened |\n|---|---|---|---|---|\n",
         );
         for row in rows {
             let drawn = |key: &str| row.drawn.get(key).map(plain).unwrap_or_default();
@@ -217,12 +217,11 @@ impl Report<'_> {
             };
             let _ = writeln!(
                 text,
-                "| {} | {} | {when} | {} | {} | {} |",
+                "| {} | {} | {when} | {} | {} |",
                 row.index,
                 drawn(FAULT),
                 row.outcome.name(),
-                detail(row),
-                row.modes.replace('>', " › ")
+                detail(row)
             );
         }
         text
@@ -246,19 +245,13 @@ impl Report<'_> {
         let mut text = format!(
             "# The fault campaign\n\nWritten by `{}`{}. Do not edit.\n\n\
              {} flights, {date}, commit {}, campaign {:.12}; {} of them in the companion's default volume, where \
-             walls and ceiling are the fence. Every fault of the catalogue (`haltere-lab faults --list`) \
-             comes in every part of a flight: spool (thrust rises on the floor), climb, hover, waypoints, return, \
-             landing, touchdown (below 0.15 m in a landing); what the companion is told wrongly is there from the \
-             start. Flight, fault and judge: \
-             `sim/lab/src/faults/`, `src/simulated/campaign/judge.rs`; how campaigns \
-             work: CAMPAIGNS.md.\n\n\
-             Judged by the truth of the simulator. **Left** (L): the centre of mass was outside the fence by any \
-             amount, or more than 0.3 m inside of what a station's fence forbids. **Again** (A): off the floor by \
-             0.15 m after it was down. **Crashed** (C): tumbled, or met the floor sinking faster than 2 m/s, sliding faster than \
-             1.5 m/s or leaning by more than 45°. **U**: still armed or in the air at the limit, or the program \
-             panicked. The first of these counts. All others are safe: landed whole and inside, or never off the \
-             floor. A fault has no reaction where nothing on board could help; the list of the catalogue says why. Nor has \
-             what the vehicle meets while the companion stands still: the board flies it alone.\n\n",
+             walls and ceiling are the fence. Every fault of the catalogue (`haltere-lab faults --list`) comes in every part of a \
+             flight: spool (thrust rises on the floor), climb, hover, waypoints, return, landing, touchdown (below 0.15 m in a \
+             landing); what the companion is told wrongly is there from the start. CAMPAIGNS.md says how flights are \
+             judged, by the truth of the simulator: **L** left the volume, **A** left the floor again, **C** crashed, **U** \
+             unfinished or panicked; all others are safe. A fault has no reaction where nothing on board could help; the list of \
+             the catalogue says why. Nor has what the vehicle meets while the companion stands still: the board flies it \
+             alone.\n\n",
             "haltere-lab faults --doc docs/FAULTS.md",
             if self.identity.sample { " (a sample)" } else { "" },
             self.rows.len(),

@@ -26,7 +26,7 @@ pub fn document(
     let cold = cold_starts(flights, flown, &mut tell);
     let left_out = leave_one_out(flights, flown, &mut tell);
     let faults = [
-        ("With IMU", integrity(&with_imu, flown, &mut tell)),
+        ("with IMU", integrity(&with_imu, flown, &mut tell)),
         ("TDOA alone", integrity(&unaided, flown, &mut tell)),
     ];
     let mut out = page(flown, &reports, &rows, &cold, &left_out);
@@ -50,19 +50,7 @@ fn page(
         flights_table(&mut out, reports)?;
         outside(&mut out, reports)?;
         writeln!(out, "\n## Every ingredient on and off\n\n{ABOUT_INGREDIENTS}\n")?;
-        let aided = |aided: bool| -> Vec<Ingredients> {
-            let keep = |r: &&FlightReport| r.aided_by_imu == aided;
-            rows.iter()
-                .map(|row| Ingredients {
-                    variant: row.variant.clone(),
-                    reports: row.reports.iter().filter(keep).cloned().collect(),
-                })
-                .collect()
-        };
-        writeln!(out, "With IMU (airborne 3D rms, m):\n")?;
-        print_ingredients(&mut out, &aided(true))?;
-        writeln!(out, "\nTDOA alone (airborne 3D rms, m):\n")?;
-        print_ingredients(&mut out, &aided(false))?;
+        print_ingredients(&mut out, rows)?;
         writeln!(out, "\n## One flight left out\n\n{ABOUT_LEFT_OUT}\n")?;
         print_left_out(&mut out, left_out, flown)?;
         writeln!(out, "\n## Cold starts\n\n{ABOUT_COLD}\n")?;
@@ -78,12 +66,8 @@ fn more(
     faults: &[(&str, Vec<Integrity>)],
 ) -> std::fmt::Result {
     writeln!(out, "\n## Warnings before the estimate is wrong\n\n{ABOUT_INTEGRITY}\n")?;
-    for (title, rows) in faults {
-        writeln!(out, "{title}:\n")?;
-        print_integrity(out, rows)?;
-        writeln!(out)?;
-    }
-    writeln!(out, "## Survey check on the floor\n\n{ABOUT_FLOOR}\n")?;
+    print_integrity(out, faults)?;
+    writeln!(out, "\n## Survey check on the floor\n\n{ABOUT_FLOOR}\n")?;
     writeln!(
         out,
         "| flight | low anchors, m | worst anchor | it reads too far by, m | doubt | others | says |"
@@ -148,16 +132,14 @@ fn flights_table(out: &mut String, reports: &[FlightReport]) -> std::fmt::Result
     writeln!(
         out,
         "| flight | IMU | whole | airborne | median | 95 % | worst | bias N, E, D | NEES | NIS | \
-         over 1 m: warned, not, s | rejected or > 3 σ, by anchor |"
+         over 1 m: warned, not, s |"
     )?;
-    writeln!(out, "|---|---|---|---|---|---|---|---|---|---|---|---|")?;
+    writeln!(out, "|---|---|---|---|---|---|---|---|---|---|---|")?;
     for r in reports {
         let [n, e, d] = r.bias_m;
-        let anchors: Vec<String> =
-            r.doubted_by_anchor.iter().map(|(id, count)| format!("{id}: {count}")).collect();
         writeln!(
             out,
-            "| {}{} | {} | {} | {} | {} | {} | {} | {n:.2}, {e:.2}, {d:.2} | {} | {} | {:.1}, {:.1} | {} |",
+            "| {}{} | {} | {} | {} | {} | {} | {} | {n:.2}, {e:.2}, {d:.2} | {} | {} | {:.1}, {:.1} |",
             r.flight,
             if r.diverged { " †" } else { "" },
             if r.aided_by_imu { "yes" } else { "no" },
@@ -170,7 +152,6 @@ fn flights_table(out: &mut String, reports: &[FlightReport]) -> std::fmt::Result
             table::consistency(r.nis_band),
             r.warned_s,
             r.unwarned_s,
-            anchors.join(", "),
         )?;
     }
     for (name, aided) in [("with IMU", true), ("TDOA alone", false)] {
@@ -178,7 +159,7 @@ fn flights_table(out: &mut String, reports: &[FlightReport]) -> std::fmt::Result
         if of().next().is_some() {
             writeln!(
                 out,
-                "| **median, {name}** | | {} | {} | | | | | | | | |",
+                "| **median, {name}** | | {} | {} | | | | | | | |",
                 table::metres(table::median(of().map(|r| r.rmse_3d_m))),
                 table::metres(table::median(of().map(|r| r.rmse_3d_airborne_m))),
             )?;
@@ -221,64 +202,55 @@ of this repository. † diverged (more than 2 m for more than 1 s), or found no 
 
 ## The filter
 
-The nine states of the source (position, velocity, attitude) stay as they are. Beside them, each of up to 16
-anchors has a range bias in two parts, one that wanders with time and distance flown and one that stays
-(`src/core/estimator/bias.rs`), so that what an obstacle does to one path is neither averaged as if it were white nor
-taken for a movement. How much each wanders is learned in flight, within seconds (`bias_level.rs`): what is
-found of a bias and what is not known of it must add up to what it is said to be. Each anchor also has a
-quality, a factor on its variance that is learned from its innovations (`quality.rs`). Nothing is thrown away by
-a gate: what does not fit keeps the weight that a Student-t tail leaves it, so that a bad start converges. When
-most anchors at once do not fit, the filter is doubted, not they: a position is found anew by least squares, and
-taken if it explains the measurements better. One anchor that does not fit while all the others fit one another
-is left out, the position goes to where the others have it, and health is degraded until it fits again
-(`isolation.rs`). It is degraded as well when they contradict one another and none can be named, one or two of them,
-and says which axis is in doubt and by how much. At each take-off among anchors on the floor it is degraded for some two
-seconds, in telemetry and log: that is no fault, and no warning is told. After a loss of UWB in the air it is
-degraded for 5 s more, until a tilt that has drifted is back. Without IMU
-nothing but the height says that the floor hides the low anchors, and with their biases free a height that is
-too low fits as well as the true one: as long as the height is uncertain there, a position is sought anew.
+The nine states of the source (position, velocity, attitude) stay as they are. What stands beside them follows the
+errors of these recordings: those of the pairs are the differences of one number for each anchor. On the floor the four
+low anchors read 3 to 4 m too far; behind the metal box of `apr26-traj11` anchor 0 does by 2.5 m, in both of its pairs with
+opposite signs; in free space they differ by -0.1 to +0.1 m that stay for days, and wander by some 0.2 m over half a metre
+of flight.
 
-Why this helps: on these recordings the errors of the pairs are the differences of one number for each
-anchor. On the floor each of the four low anchors reads 3 to 4 m too far; behind the metal box of
-`apr26-traj11` anchor 0 does by 2.5 m, in both of its pairs with opposite signs; in free space they
-differ by -0.1 to +0.1 m that stay for days, and wander by some 0.2 m over half a metre of flight.
+* Each of up to 16 anchors has a range bias in two parts, one that wanders with time and distance flown and one that stays
+  (`src/core/estimator/bias.rs`). How much each wanders is learned in flight, within seconds (`bias_level.rs`).
+* Each anchor has a quality, a factor on its variance that is learned from its innovations (`quality.rs`).
+* No gate throws a measurement away: what does not fit keeps the weight that a Student-t tail leaves it.
+* When most anchors at once do not fit, the filter is doubted: a position is found anew by least squares, and taken if it
+  explains the measurements better. Without IMU this is also done while the height is uncertain where the floor hides
+  the low anchors.
+* One anchor that does not fit while all others fit one another is left out, and health is degraded until it fits
+  again (`isolation.rs`). When anchors contradict one another and none can be named, health is degraded and says which
+  axis is in doubt and by how much.
+* Health is degraded for some two seconds at each take-off among anchors on the floor, which is no fault and no
+  warning is told, and for 5 s after a loss of UWB in the air, until a tilt that has drifted is back.
 
 ";
 const ABOUT_FLIGHTS: &str = "\
-One set of parameters for all flights, with IMU and without, causal. 3D errors in m against motion capture, which is stamped some 10 ms late and taken as it is stamped. Whole: from the first
-estimate on, floor included. Airborne: above 0.5 m and more than 5 s after lift-off. NEES: mean squared error
+3D errors in m against motion capture, causal. Motion capture is stamped some 10 ms late and taken as it is stamped. Whole: from the
+first estimate on, floor included. Airborne: above 0.5 m and more than 5 s after lift-off. NEES: mean squared error
 over stated covariance per axis; NIS: mean squared innovation over stated variance, each at most 25; 1 is
-honest, below 1 cautious. In brackets the values between which 95 % of honest filters are, from χ² of the
-effective number n of independent errors in the flight (`consistency.rs`): χ² after Bar-Shalom, Li, Kirubarajan,
-Estimation with applications to tracking and navigation, 2001, section 5.4; n from the autocorrelation of the
-flight's own errors after Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8(2), 1946, up to where Geyer,
-Statistical Science 7(4), 1992, ends it. Errors of position last, and innovations share anchors: n is far below
-the number of poses and of measurements. Of 20 figures of honest filters one is outside by chance. What the UWB
-errors are was taken from the ranges in the README of the recordings, and within them by NEES and NIS of these
-flights; the accuracy hardly changes within them. The filter is told the heading at the first instant when there
-is an IMU, and nothing else but the anchors and where the tag is on the vehicle, as its authors wrote it down
-(June and `const`: 9 cm above the centre; April: unknown, taken as zero). A configuration does
-not move it: it is the vehicle's, as drag is, and yields to `--vehicle` and `--set` alone.";
+honest, below 1 cautious. In brackets the values between which 95 % of honest filters are, from χ² (Bar-Shalom, Li, Kirubarajan,
+Estimation with applications to tracking and navigation, 2001, section 5.4) of the effective number n of independent errors,
+by the autocorrelation of the flight's own errors (Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8(2), 1946, ended as by Geyer,
+Statistical Science 7(4), 1992). Of 20 figures of honest filters one is outside by chance. The UWB errors of the
+configuration were taken from the README of the recordings, and within its ranges from NEES and NIS of these
+flights. The filter is told the heading at the first instant when there is an IMU, and nothing else but the anchors and where
+the tag is on the vehicle (June and `const`: 9 cm above the centre; April: unknown, taken as zero).";
 const ABOUT_INGREDIENTS: &str = "\
-All else as in the first row. A variant is not tuned anew for what it lacks. Last column: median over the whole
-flights.";
+Airborne 3D rms, m; whole flights: their median. All else as in the first row. A variant is not tuned anew for what it lacks.";
 const ABOUT_INTEGRITY: &str = "\
-Each recording with a fault from its middle to its end, in the air. Over 1 m: for longer than 0.2 s. Warned:
-health was not good then or within the 2 s before. Longest: so long an error of more than 1 m lasted while health was good.
-Two anchors that read too far together are told of where their pair explains the misfit, not left out; 1 and 4 hang on one
-wall under the ceiling, and the position takes most of what they do upon itself.
-Fewer than seven anchors heard count as a warning: one that is wrong would not be found out among them.
-Health is degraded while an anchor is left out, also where the estimate is good without it.";
+Each recording with a fault from its middle to its end, in the air. The first number counts flights whose error was over 1 m for
+longer than 0.2 s and was warned of: health was not good then or within the 2 s before. The second counts those without
+a warning, the third those with a warning that were never over 1 m. Then follow the longest time over 1 m while health was good, and the worst
+error. Two anchors that read too far together are told of where their pair explains the misfit, not left out; 1 and 4 hang on one
+wall under the ceiling, and the position takes most of what they do upon itself. Fewer than seven anchors heard count as a
+warning: one that is wrong would not be found out among them.";
 const ABOUT_FLOOR: &str = "\
 What the check before take-off (docs/SAFETY.md, `anchors`) says of each recording at the moment before its
 lift-off, told nothing but the anchors. Doubt: how much of the misfit the anchor explains, in units of what
 is usual; it is named from 2 on if the others, without it, stay below 1. Where the floor adds more than 1 m to
 the low anchors nothing is concluded. The two that are refused have a metal box beside anchor 2.";
 const ABOUT_LEFT_OUT: &str = "\
-For each flight the parameters of the UWB errors were searched on the eleven others, with IMU and without, from round
-numbers that no result of ours has shaped, and then judged on the flight that was left out. Drag and process
-noise are the vehicle's: they were set from its IMU and motion capture, within that the noise of the horizontal
-acceleration by the NEES of all flights, and are not searched. Nor is `quality.least`. The set: `EstimatorConfig::learned_uwb_errors`.";
+For each flight the parameters of the UWB errors were searched on the eleven others, from round numbers that no result of ours has
+shaped, and then judged on the flight that was left out. Drag and process noise are the vehicle's, from its IMU and motion capture
+and the NEES of all flights, and are not searched; nor is `quality.least`. The set: `EstimatorConfig::learned_uwb_errors`.";
 const ABOUT_COLD: &str = "\
 Switched on every 4 s of a flight, in the air, or at its beginning on the floor, and told neither
 position nor heading. Peak: largest error from the first position that is offered. Converged: below

@@ -110,33 +110,31 @@ fn run_changed(flight: &Flight, flown: &EstimatorConfig, variant: &Variant) -> F
     run_flight(flight, &config)
 }
 
-/// Writes the table as Markdown: airborne 3D rms, m, and the median of the whole flights.
+/// Writes the table as Markdown: airborne 3D rms, m, and the median of the whole flights, of each kind of flights.
 pub fn print_ingredients(out: &mut impl Write, rows: &[Ingredients]) -> fmt::Result {
-    let Some(first) = rows.first() else { return Ok(()) };
-    let names: Vec<&str> = first.reports.iter().map(|r| r.flight.as_str()).collect();
-    writeln!(out, "| | {} | median | worst | whole flights |", names.join(" | "))?;
-    writeln!(out, "|---|{}---|---|---|", "---|".repeat(names.len()))?;
+    writeln!(
+        out,
+        "| | with IMU: median | worst | whole flights | TDOA alone: median | worst | whole flights |\n\
+         |---|---|---|---|---|---|---|"
+    )?;
     for row in rows {
-        let cells: Vec<String> = row
-            .reports
-            .iter()
-            .map(|r| {
-                let lost = if r.diverged { " †" } else { "" };
-                format!("{}{lost}", table::metres(r.rmse_3d_airborne_m))
-            })
-            .collect();
-        let airborne = || row.reports.iter().map(|r| r.rmse_3d_airborne_m);
-        let worst =
-            airborne().collect::<Option<Vec<f64>>>().and_then(|v| v.into_iter().reduce(f64::max));
-        writeln!(
-            out,
-            "| {} | {} | {} | {} | {} |",
-            row.variant,
-            cells.join(" | "),
-            table::metres(table::median(airborne())),
-            table::metres(worst),
-            table::metres(table::median(row.reports.iter().map(|r| r.rmse_3d_m))),
-        )?;
+        write!(out, "| {} |", row.variant)?;
+        for aided in [true, false] {
+            let of = || row.reports.iter().filter(|r| r.aided_by_imu == aided);
+            let airborne = || of().map(|r| r.rmse_3d_airborne_m);
+            let worst = airborne()
+                .collect::<Option<Vec<f64>>>()
+                .and_then(|v| v.into_iter().reduce(f64::max));
+            write!(
+                out,
+                " {} | {}{} | {} |",
+                table::metres(table::median(airborne())),
+                table::metres(worst),
+                if of().any(|r| r.diverged) { " †" } else { "" },
+                table::metres(table::median(of().map(|r| r.rmse_3d_m))),
+            )?;
+        }
+        writeln!(out)?;
     }
     Ok(())
 }

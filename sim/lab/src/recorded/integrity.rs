@@ -220,26 +220,24 @@ fn moved(tdoa: &Tdoa, survey: &Survey, at_E_m: Vec3<E>, id: u8, by_m: f64) -> f6
     more(tdoa.anchor_b) - more(tdoa.anchor_a)
 }
 
-/// Writes the table as Markdown.
-pub fn print_integrity(out: &mut impl Write, rows: &[Integrity]) -> fmt::Result {
-    writeln!(
-        out,
-        "| from the middle on | flights | over 1 m, warned before | over 1 m, not warned | warned, never \
-         over 1 m | warned below 0.5 m, % of time | longest over 1 m and good, s | worst, m |\n|---|---|---|---|---|---|---|---|"
-    )?;
-    for r in rows {
-        writeln!(
-            out,
-            "| {} | {} | {} | {} | {} | {:.1} | {:.1} | {:.2} |",
-            r.fault,
-            r.flights,
-            r.warned,
-            r.unwarned,
-            r.in_vain,
-            r.vain_share * 100.0,
-            r.silent_s,
-            r.worst_m
-        )?;
+/// Writes the table as Markdown, the kinds of flights side by side.
+pub fn print_integrity(out: &mut impl Write, kinds: &[(&str, Vec<Integrity>)]) -> fmt::Result {
+    write!(out, "| from the middle on |")?;
+    for (title, rows) in kinds {
+        let flights = rows.first().map_or(0, |r| r.flights);
+        write!(out, " {title}, {flights} flights | over 1 m and good, s | worst, m |")?;
+    }
+    writeln!(out, "\n|---|{}", "---|---|---|".repeat(kinds.len()))?;
+    for (i, fault) in FAULTS.iter().enumerate() {
+        write!(out, "| {} |", fault.0)?;
+        for r in kinds.iter().filter_map(|(_, rows)| rows.get(i)) {
+            write!(
+                out,
+                " {}, {}, {} | {:.1} | {:.2} |",
+                r.warned, r.unwarned, r.in_vain, r.silent_s, r.worst_m
+            )?;
+        }
+        writeln!(out)?;
     }
     Ok(())
 }

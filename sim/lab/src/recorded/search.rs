@@ -200,23 +200,21 @@ pub fn print_left_out(
             median(|l| l.flown.rmse_3d_airborne_m),
         )?;
     }
-    writeln!(out, "\nWhat the searches chose, one column for each flight left out:\n")?;
-    let names: Vec<&str> = left_out.iter().map(|l| l.report.flight.as_str()).collect();
-    writeln!(out, "| parameter | start | the set | {} |", names.join(" | "))?;
-    writeln!(out, "|---|---|---|{}", "---|".repeat(names.len()))?;
+    writeln!(
+        out,
+        "\nWhat the searches chose:\n\n| parameter | start | the set | least | most |\n|---|---|---|---|---|"
+    )?;
     let (mut start, mut flown) = (start(flown), flown.clone());
     for (i, knob) in KNOBS.iter().enumerate() {
-        let chosen: Vec<String> = left_out
-            .iter()
-            .map(|l| l.chosen.get(i).map_or("-".into(), |(_, v)| format!("{v:.3}")))
-            .collect();
+        let chosen = || left_out.iter().filter_map(|l| l.chosen.get(i)).map(|(_, v)| *v);
         writeln!(
             out,
-            "| `{}` | {:.3} | {:.3} | {} |",
+            "| `{}` | {:.3} | {:.3} | {:.3} | {:.3} |",
             knob.name,
             (knob.of)(&mut start),
             (knob.of)(&mut flown),
-            chosen.join(" | ")
+            chosen().fold(f64::INFINITY, f64::min),
+            chosen().fold(f64::NEG_INFINITY, f64::max)
         )?;
     }
     Ok(())

@@ -157,9 +157,9 @@ pub(super) const LOW: Condition = Condition {
 /// Only just enough to get home.
 pub(super) const HOME: Condition = Condition {
     name: "battery_home",
-    seen_by: "By the discharge seen in this flight (middle slope of three times 10 s) the voltage is \
-              critical before the vehicle could be home, at nine tenths of the speed that `control.limits` allow, on \
-              the floor, and `supervisor.battery_reserve_s` be over. Known from 35 s of flight on.",
+    seen_by: "By the discharge of this flight (middle slope of three times 10 s) the voltage will be critical before \
+              the vehicle can fly home, at nine tenths of the speed that `control.limits` allow, be on the floor, and \
+              `supervisor.battery_reserve_s` be over. Known from 35 s of flight on.",
     numbers: &[Number {
         key: "supervisor.battery_reserve_s",
         value: |c| c.supervisor.battery_reserve_s,

@@ -90,13 +90,12 @@ fn words_of_place(sight: &Sight<'_>) -> String {
 /// Outside.
 pub(super) const SOFT: Condition = Condition {
     name: "wall_soft",
-    seen_by: "The vehicle is outside of the volume (`limits.north_m`, `east_m`, `height_m`) or of the \
-              fence by more than 0.2 m. Setpoints never are: points outside of the volume are refused in \
-              words, whoever names them; velocities towards a wall are braked; what a fence forbids is \
-              neither flown to nor through, in any mode: legs, missions and returns that would lead there \
-              are not begun, and whatever else leads there ends on the vehicle's side, 0.25 m before it \
-              (\"held back by the fence\"). A return takes the nearest of home and the rally points to which \
-              a straight way is free; if there is none, or it has been held back for 3 s, it lands here.",
+    seen_by: "The vehicle is outside of the volume (`limits.north_m`, `east_m`, `height_m`) or of the fence by more \
+              than 0.2 m. Setpoints never are. A point outside of the volume is refused in words; a velocity towards a \
+              wall is braked. What a fence forbids is neither flown to nor through, in any mode: legs, missions and \
+              returns that would lead there are not begun, and any other way ends 0.25 m before it (\"held back by the \
+              fence\"). A return takes the nearest of home and rally points to which a straight way is free; without \
+              one, or held back for 3 s, it lands here.",
     numbers: &[Number { key: "", value: |_| 0.2, unit: "m", origin: "noise of the estimate" }],
     lasts_s: |_| 0.1,
     watched: Watched::Air,
@@ -214,8 +213,8 @@ const OFF_COURSE: Number = Number {
 /// Led away by a loop that flies in another room.
 pub(super) const ASTRAY: Condition = Condition {
     name: "driven_away",
-    seen_by: "The vehicle is farther than half of `supervisor.off_course_m` from where it should be, and one of the wrong \
-              rooms of `room_differs` is likelier than every sound one: the loop itself may drive it, and a landing would \
+    seen_by: "The vehicle is farther than half of `supervisor.off_course_m` from where it should be, and a wrong room \
+              of `room_differs` is likelier than every sound one: the loop itself may drive it, and a landing would \
               fly by it.",
     numbers: &[OFF_COURSE],
     lasts_s: |_| 0.3,

@@ -38,11 +38,10 @@ const SENSORS: S = S::MAV_SYS_STATUS_SENSOR_3D_GYRO.union(S::MAV_SYS_STATUS_SENS
 /// Values without sense.
 pub(super) const NOISE: Condition = Condition {
     name: "imu_noise",
-    seen_by: "Accelerometer (over 8 m/s²) or gyroscope (over 1 rad/s) are noise from sample to sample: the \
-              mean squared difference of neighbours is more than 70 % of what white noise has. Told only \
-              of IMUs that come at 170 Hz or more. Accelerometers that turned from wing beats into white noise of \
-              40, 20 and 10 m/s² an axis were told after 0.35, 0.43 and 0.63 s in the middle of 200 onsets each, \
-              after 0.50, 0.61 and 0.91 s at worst.",
+    seen_by: "The readings of the accelerometer (over 8 m/s²) or of the gyroscope (over 1 rad/s) are noise from sample \
+              to sample: the mean squared difference of neighbours is more than 70 % of that of white noise. IMUs \
+              below 170 Hz are not judged. White noise of 40, 20 and 10 m/s² an axis was told after 0.35, 0.43 and \
+              0.63 s (median of 200 onsets each), after 0.91 s at worst.",
     numbers: &[Number {
         key: "",
         value: |_| ROUGH_RATIO,
@@ -66,12 +65,11 @@ pub(super) const NOISE: Condition = Condition {
 /// The specific force is not that of the thrust.
 pub(super) const LIFT: Condition = Condition {
     name: "lift_differs",
-    seen_by: "The specific force along body z, averaged over a second, differs from the thrust that was \
-              sent (over the hover thrust that was learned): by more than 3.5 m/s² where there is less \
-              lift than was sent, and, where there is more, by 2 m/s² more than that for each tenth of \
-              thrust that was commanded away from the hover thrust. The accelerometer is wrong, the \
-              wings are damaged, or the board does not give what it is sent. Looked at above 0.5 m, not \
-              in landings, and not while it leans by more than 20 degrees.",
+    seen_by: "The specific force along body z, averaged over a second, differs from the thrust that was sent (over the \
+              learned hover thrust): less lift than was sent by more than 3.5 m/s², or more lift by 3.5 m/s² and a \
+              further 2 m/s² for each tenth of thrust commanded away from hover. The accelerometer is wrong, the wings \
+              are damaged, or the board does not give what it is sent. It is looked at above 0.5 m, not in landings, \
+              and not at a lean of more than 20 degrees.",
     numbers: &[Number {
         key: "",
         value: |_| LIFT_MOST_MPS2,
@@ -97,9 +95,8 @@ pub(super) const LIFT: Condition = Condition {
 /// No samples.
 pub(super) const LOST: Condition = Condition {
     name: "imu_lost",
-    seen_by: "No IMU sample came for `supervisor.imu_loss_s`. Within 0.05 s after a pause of the \
-              companion itself that pause does not count, nor do the 0.3 s in which a board that changed its port \
-              is not heard yet ([second_board](#second_board)).",
+    seen_by: "No IMU sample came for `supervisor.imu_loss_s`. The 0.3 s in which a board that changed its port is not \
+              heard ([second_board](#second_board)) do not count.",
     numbers: &[Number {
         key: "supervisor.imu_loss_s",
         value: |c| c.supervisor.imu_loss_s,

@@ -89,8 +89,7 @@ pub(super) const CONTROL: Condition = Condition {
 /// Nothing comes from the board.
 pub(super) const BOARD: Condition = Condition {
     name: "board_silent",
-    seen_by: "Nothing came from the board for `limits.board_loss_s`. Within 0.05 s after a pause of the \
-              companion itself that pause does not count.",
+    seen_by: "Nothing came from the board for `limits.board_loss_s`.",
     numbers: &[Number {
         key: "limits.board_loss_s",
         value: |c| c.limits.board_loss_s,
@@ -140,11 +139,11 @@ pub(super) const BOARD_LATE: Condition = Condition {
 /// The vehicle follows what it was asked for too late for the loops.
 pub(super) const RESPONSE: Condition = Condition {
     name: "response_late",
-    seen_by: "The board's attitude shows the tilts that were asked for later than 0.48 s after they were sent, \
-              where they move by 4 deg and more (one sigma) and explain 60 % of what is seen: the board obeys \
-              late, or setpoints wait where TIMESYNC does not. A delay counts that explains more than others do, whatever the \
-              size of the answer. What is asked for before the vehicle has tilted by \
-              2 deg from how it stood does not count: the floor holds it.",
+    seen_by: "The board's attitude shows the tilts that were asked for later than 0.48 s after they were sent, where \
+              they move by 4 deg and more (one sigma) and explain 60 % of what is seen: the board obeys late, or \
+              setpoints wait where TIMESYNC does not. The delay that explains most counts, whatever the size of the \
+              answer. Tilts asked for before the vehicle has leaned by 2 deg from how it stood do not count: the floor \
+              holds it.",
     numbers: &[Number {
         key: "",
         value: |_| RESPONSE_MOST_S,
@@ -176,7 +175,7 @@ pub(super) const BOARD_GAP: Condition = Condition {
         key: "limits.board_loss_s",
         value: |c| c.limits.board_loss_s,
         unit: "s",
-        origin: "as above",
+        origin: "as for board_silent",
     }],
     latched: true,
     wanted: |_| Reaction::Land,
@@ -194,11 +193,11 @@ pub(super) const BOARD_GAP: Condition = Condition {
 /// Two boards with one number on one port.
 pub(super) const SECOND: Condition = Condition {
     name: "second_board",
-    seen_by: "A board with the system id of ours speaks on the same link from another UDP address, while ours \
-              speaks from its own or has been silent for 3 s. It is not heard and nothing is sent to it. Ours \
-              is bound to its address; when that is silent for 0.3 s and the time since boot (SYSTEM_TIME, \
-              `time_boot_ms`) goes on at another one within 0.25 s, it is the same board behind a router that \
-              changed its port: it is followed there, and that is told.",
+    seen_by: "A board with the system id of ours speaks on the same link from another UDP address, while ours speaks \
+              from its own or has been silent for 3 s. It is not heard and nothing is sent to it. When our board is \
+              silent for 0.3 s at its address and its time since boot (SYSTEM_TIME, `time_boot_ms`) goes on at another \
+              one within 0.25 s, it is the same board behind a router that changed its port: it is followed there, and \
+              that is told.",
     watched: Watched::Always,
     because: "a second board speaks",
     over: "the second board is silent",
@@ -256,9 +255,8 @@ pub(super) const GROUND: Condition = Condition {
 /// The setpoints of a client stopped.
 pub(super) const CLIENT: Condition = Condition {
     name: "setpoints_stopped",
-    seen_by: "The client's setpoints stopped for `limits.offboard_loss_s`, and the last one was a \
-              velocity. A position that nobody renews is held. Within 0.05 s after a pause of the \
-              companion itself that pause does not count.",
+    seen_by: "The client's setpoints stopped for `limits.offboard_loss_s`, and the last one was a velocity. A position \
+              that nobody renews is held.",
     numbers: &[FOLLOWING],
     gone_s: 0.0,
     watched: Watched::In(&[Mode::Offboard]),

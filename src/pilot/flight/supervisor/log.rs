@@ -10,8 +10,8 @@ use crate::out::voice::Severity;
 pub(super) const STOPPED: Condition = Condition {
     name: "log_stopped",
     seen_by: "Nothing is recorded: less than 200 MB are free where logs go (a twentieth of a disk below 4 GB), the \
-              folder cannot be made, a write failed, or lasts longer than what comes can wait (80 s, 64 MB). It is \
-              tried again each second; then the log goes on with a hole (`/hole`), which is told and counted \
+              folder cannot be made, or a write failed or took longer than the buffer holds (80 s, 64 MB). It is tried \
+              again each second; the log then goes on with a hole (`/hole`), which is told and counted \
               (`recording_stopped`, `recorder_queue_full`). With `flight.log_required` nothing arms meanwhile.",
     gone_s: 0.0,
     watched: Watched::Always,

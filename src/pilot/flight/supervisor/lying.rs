@@ -8,12 +8,13 @@ use crate::out::voice::Severity;
 /// Lies on its side.
 pub(super) const LIES: Condition = Condition {
     name: "tipped_over",
-    seen_by: "The vehicle leans by 30 degrees by the board's attitude, its thrust points as far from where it was told to, \
-              and it is carried all the same: its specific force along the vertical is gravity's to within 2 m/s², and \
-              nothing pushes it aside by 4 m/s² or moves it by 0.3 m, for 0.4 s, near the floor (below 0.8 m by estimate or barometer) or at a height that does not fall. Fast flight \
-              looks like that too, so it is asked: its thrust is taken away. In the air the force goes with it, and the \
-              flight goes on after a quarter of a second. Whoever is carried when the wings stand, 0.16 s later, for 0.08 s, \
-              lies on the floor: the motors are cut, forced, and thrust is not tried any more.",
+    seen_by: "The vehicle may lie on the floor: for 0.4 s it leans by 30 degrees by the board's attitude, its thrust \
+              points as far from where it was told to, its specific force along the vertical is gravity's to within 2 \
+              m/s², nothing pushes it aside by 4 m/s² or moves it by 0.3 m, and it is near the floor (below 0.8 m by \
+              estimate or barometer) or at a height that does not fall. Fast flight looks like that too. Therefore the \
+              thrust is taken away: in the air the force goes with it, and the flight goes on after a quarter of a \
+              second. If the vehicle is still carried for 0.08 s when the wings stand, 0.16 s later, it lies on the \
+              floor: the motors are cut, forced, and thrust is not tried again.",
     numbers: &[Number {
         key: "",
         value: |_| CARRIED_MPS2,

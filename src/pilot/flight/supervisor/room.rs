@@ -10,11 +10,12 @@ use crate::out::voice::Severity;
 /// The axes or the heading are not the room's.
 pub(super) const ROOM: Condition = Condition {
     name: "room_differs",
-    seen_by: "UWB leads elsewhere than the vehicle leans. From the first 0.12 m of a flight on, the board's lean, turned \
-              by our heading, is held against where UWB has the vehicle ten times a second, under a sound room (turned \
-              by up to 40 degrees, or 0.6 to 1.6 times as large) and under fifteen wrong ones: turned by 90 degrees and \
-              more, or mirror images. One of these is e^20 times as likely as every sound one, and has foreseen where UWB \
-              leads: after what none of them foresees, a gust, it is begun anew. The text says which.",
+    seen_by: "UWB leads elsewhere than the vehicle leans. From the first 0.12 m of a flight on, the board's lean, \
+              turned by our heading, is compared ten times a second with where UWB has the vehicle, for sound rooms \
+              (turned by up to 40 degrees, or 0.6 to 1.6 times as large) and for fifteen wrong ones (turned by 90 \
+              degrees and more, or mirror images). A wrong room is found when it is e^20 times as likely as every \
+              sound one and has foreseen where UWB leads; after a gust, which none foresees, the comparison begins \
+              anew. The text names the room.",
     numbers: &[Number {
         key: "",
         value: |_| AGAINST,

@@ -8,11 +8,11 @@ use crate::out::voice::Severity;
 /// The velocity is not that of the height.
 pub(super) const SLIP: Condition = Condition {
     name: "climb_differs",
-    seen_by: "The estimated height changes by more than 0.6 m/s faster or slower, averaged over 1.5 s, than \
-              the estimated vertical velocity says: UWB and barometer pull the height one way and the \
-              accelerometer the other; and the specific force, averaged as long, is by more than 1 m/s² \
-              not that of the thrust, in the direction that explains it, for 0.8 s. Gusts do the first without the second. Until 1.5 s after the take-off \
-              began both are averaged over the time since, and 0.1 s is enough.",
+    seen_by: "UWB and barometer pull the height one way and the accelerometer the other: averaged over 1.5 s, the \
+              estimated height changes by 0.6 m/s faster or slower than the estimated vertical velocity says, and for \
+              0.8 s the specific force, averaged as long, differs from that of the thrust by more than 1 m/s² in the \
+              direction that explains it. Gusts do the first without the second. Until 1.5 s after the take-off began \
+              both are averaged over the time since, and 0.1 s is enough.",
     numbers: &[
         Number {
             key: "",

@@ -102,11 +102,10 @@ pub(super) const STUCK: Condition = Condition {
 pub(super) const PAUSED: Condition = Condition {
     name: "paused",
     seen_by: "The board may have heard no setpoint for longer than its own time-out (generic 0.5 s, px4 \
-              `COM_OF_LOSS_T`, ardupilot `GUID_TIMEOUT`), because the companion or the computer stood still or the \
-              link was out: it has sunk by itself meanwhile. Over when UWB and IMU that were measured after the pause, \
-              whatever had waited to be read, have made a good estimate for 0.1 s. Until then no more than hover \
-              thrust is sent. Where the vehicle may have come to stand, thrust begins at 75 % of the base, which does \
-              not lift it off, and the floor is felt for at once.",
+              `COM_OF_LOSS_T`, ardupilot `GUID_TIMEOUT`), because companion or computer stood still or the link was \
+              out; the vehicle has sunk by itself meanwhile. It is over when UWB and IMU measured after the pause have \
+              made a good estimate for 0.1 s. Until then no more than hover thrust is sent. Where the vehicle may \
+              stand, thrust begins at 75 % of the base, which does not lift it off, and the floor is felt for at once.",
     numbers: &[Number {
         key: "",
         value: |_| 0.5,

@@ -1,9 +1,7 @@
-//! What describes the parameters: component metadata for stations, a page for people.
+//! What describes the parameters: component metadata for stations.
 //!
 //! Source: the guide's "Component Metadata Protocol" page, and the schemas `general.schema.json`
 //! and `parameter.schema.json` (both version 1) of the mavlink repository.
-
-use std::fmt::Write as _;
 
 use haltere_dialect::mav::haltere::{
     COMPONENT_INFORMATION_DATA, COMPONENT_METADATA_DATA, MavMessage,
@@ -137,7 +135,8 @@ fn parameter_json(p: &Parameter, defaults: &PilotConfig) -> Value {
     entry
 }
 
-fn long(p: &Parameter) -> String {
+/// What is said of it at length.
+pub(crate) fn long(p: &Parameter) -> String {
     let when = match p.when {
         When::AtOnce => "Acts at once, in flight too.",
         When::OnFloor => "Acts at once on the floor; refused in flight.",
@@ -150,73 +149,9 @@ fn long(p: &Parameter) -> String {
     }
 }
 
-/// The page `docs/PARAMETERS.md`.
-pub fn markdown() -> String {
-    let mut page = String::from(
-        "# Parameters\n\nGenerated from the rows of the keys (`src/core/keys.rs`); a test \
-         compares. All are `MAV_PARAM_TYPE_REAL32`.\n\nA value that a station sets is checked with \
-         the rules of the configuration, kept in `store.directory` and wins over configuration \
-         files from then on; environment variables and `--set` win over it. \
-         `MAV_CMD_PREFLIGHT_STORAGE` with param1 = 2 forgets all that were set.\n\n*At once* is in \
-         flight too: outputs go on from where they are and fade to the new law. *On the floor* is \
-         refused in flight, where setpoints or limits would jump. *Restart* is in force after a \
-         restart.\n\nThe default of the flight volume is the extent of the anchors, less 0.45 m on each side \
-         and 0.35 m below the highest.\n",
-    );
-    let defaults = PilotConfig::default();
-    let mut group = "";
-    for p in table::all() {
-        if p.group() != group {
-            group = p.group();
-            // Writing to a String cannot fail.
-            let _ = write!(
-                page,
-                "\n## {group}\n\n| name | default | range | unit | acts | meaning | key |\n\
-                 |---|---|---|---|---|---|---|\n"
-            );
-        }
-        let acts = match p.when {
-            When::AtOnce => "at once",
-            When::OnFloor => "on the floor",
-            When::Restart => "restart",
-        };
-        let range = match p.kind {
-            Kind::Choice(choices) => {
-                let all: Vec<_> = choices.iter().map(|(n, text)| format!("{n} {text}")).collect();
-                all.join(", ")
-            }
-            Kind::Fixed(_) => "fixed".to_owned(),
-            Kind::Alias(of) => format!("as {of}"),
-            _ => format!("{} to {}", shown(p.low), shown(p.high)),
-        };
-        let default =
-            if p.has_default() { p.default_value(&defaults).to_string() } else { "".into() };
-        let key = if p.key.is_empty() { String::new() } else { format!("`{}`", p.key) };
-        let _ = writeln!(
-            page,
-            "| `{}` | {default} | {range} | {} | {acts} | {} | {key} |",
-            p.name, p.unit, p.doc
-        );
-    }
-    page
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn golden_page_is_the_table() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/PARAMETERS.md");
-        if std::env::var_os("HALTERE_REWRITE_GOLDENS").is_some() {
-            std::fs::write(path, markdown()).expect("docs/ can be written");
-        }
-        let committed = std::fs::read_to_string(path).unwrap_or_default();
-        assert!(
-            committed == markdown(),
-            "docs/PARAMETERS.md is old: HALTERE_REWRITE_GOLDENS=1 cargo test --workspace --lib page_is"
-        );
-    }
 
     /// The required fields of the schemas, by hand: the schema files are not in this repository.
     #[test]

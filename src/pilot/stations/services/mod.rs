@@ -28,7 +28,7 @@ pub use crc32::crc32;
 pub use files::{
     FileFault, FileName, FileRequest, FileTask, Folder, MOST_MISSION_BYTES, PARAMETERS_TICKET, Plan,
 };
-pub use metadata::markdown as parameter_page;
+pub(crate) use metadata::long as said_of_parameter;
 pub use parameter_table::{Parameter, all as all_parameters, find as find_parameter};
 pub use plan_file::{decode as decode_plan, encode as encode_plan};
 

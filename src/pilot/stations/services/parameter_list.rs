@@ -66,7 +66,7 @@ fn plain_unit(unit: &str) -> String {
 }
 
 /// Two names that MAVSDK writes, and values that keep QGroundControl's set-up pages from calling parameters missing
-/// (GROUND.md section 3).
+/// (STATIONS.md, Which identity).
 pub fn px4_only() -> Vec<Parameter> {
     let one = |name, kind, low, high, unit: &str, doc: &str| Parameter {
         name,

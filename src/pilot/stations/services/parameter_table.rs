@@ -1,7 +1,7 @@
-//! Every parameter a ground station can see: one table for list, checks, metadata and page.
+//! Every parameter a ground station can see: one table for list, checks and metadata.
 //!
 //! A parameter is a number of the configuration under a name of at most 16 characters. All are
-//! `MAV_PARAM_TYPE_REAL32`, so that both ways of writing integers are right (GROUND.md). What is
+//! `MAV_PARAM_TYPE_REAL32`, so that both ways of writing integers are right (STATIONS.md). What is
 //! not here is not a number (addresses, devices, paths) or belongs to the installation (priority
 //! of threads, recording).
 

@@ -1,7 +1,7 @@
 //! The parameter protocol: list, read, set, hash.
 //!
 //! Sources: the guide's "Parameter Protocol" page, PARAM_ERROR of common.xml, and what clients do
-//! (GROUND.md section 2): QGroundControl lists to component 0 and asks for missing ones by index,
+//! (STATIONS.md, What each client asks for): QGroundControl lists to component 0 and asks for missing ones by index,
 //! with the identity `px4` it asks for `_HASH_CHECK` first and stops a list by setting it.
 
 use haltere_dialect::mav::haltere::{
