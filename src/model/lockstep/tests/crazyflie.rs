@@ -99,7 +99,7 @@ fn faded(for_s: f64) -> (Lockstep, Vec<String>, f64) {
         .iter()
         .filter(|(t_us, link, _)| *link == LinkId::Board && (from_us..until_us).contains(t_us))
         .filter_map(|(_, _, bytes)| {
-            let [16, header, .., low, high] = bytes.as_slice() else { return None };
+            let [15, header, .., low, high] = bytes.as_slice() else { return None };
             (header & 0xF3 == 0x30).then(|| u16::from_le_bytes([*low, *high]))
         })
         .max();
