@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use haltere_core::checks::schema::Schema;
 use haltere_log::written::{Old, Output};
-use haltere_pilot::{BoardProfile, TagProtocol};
 use haltere_pilot::settings::{
     Address, Config, EndpointConfig, HostPort, RecordConfig, StoreConfig, TagPort, commented,
     parse_anchors, reference,
 };
+use haltere_pilot::{BoardProfile, TagProtocol};
 
 /// Name of the anchor file.
 const ANCHORS: &str = "anchors.toml";
