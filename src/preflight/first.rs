@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use haltere_core::checks::schema::Schema;
 use haltere_log::written::{Old, Output};
-use haltere_pilot::TagProtocol;
 use haltere_pilot::settings::{
     Address, Config, EndpointConfig, HostPort, RecordConfig, StoreConfig, TagPort, commented,
     parse_anchors, reference,
 };
+use haltere_pilot::{BoardProfile, TagProtocol};
 
 /// Name of the anchor file.
 const ANCHORS: &str = "anchors.toml";
@@ -91,10 +91,9 @@ pub fn none_there(directory: &Path) -> Result<(), String> {
 fn configuration(answers: &Answers) -> String {
     let quoted = |text: String| toml::Value::String(text).to_string();
     let list = answers.ground.iter().map(plain).collect::<Vec<_>>().join(", ");
-    let set = [
+    let mut set = vec![
         ("", Schema::KEY, Schema::CONFIGURATION.newest().to_string()),
         ("tag", "port", quoted(String::from(answers.tag.clone()))),
-        ("tag", "protocol", plain(&answers.tag_protocol)),
         ("board", "address", quoted(answers.board.to_string())),
         ("ground", "endpoints", format!("[{list}]")),
         ("anchors", "file", quoted(ANCHORS.to_owned())),
@@ -103,6 +102,15 @@ fn configuration(answers: &Answers) -> String {
         // Off by default; who sets a vehicle up wants to see it, and on this computer alone that harms nobody.
         ("watch", "address", quoted(answers.watch.to_string())),
     ];
+    // Its deck is the tag, and its address says what it is.
+    set.extend(if matches!(answers.board, Address::CrtpUdp(_)) {
+        vec![
+            ("tag", "protocol", plain(&TagProtocol::Crazyflie)),
+            ("board", "profile", plain(&BoardProfile::Crazyflie)),
+        ]
+    } else {
+        vec![("tag", "protocol", plain(&answers.tag_protocol))]
+    });
     // Shown, and left at their defaults: what is usually wanted next.
     let shown = [("board", "profile"), ("board", "north_offset_deg"), ("ground", "identity")];
     let mut text = String::from(

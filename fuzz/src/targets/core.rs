@@ -73,6 +73,10 @@ impl Rig {
         if choice & 4 != 0 {
             config.routing = haltere_pilot::Routing::Board;
         }
+        if choice & 8 != 0 {
+            config.board_profile = haltere_pilot::BoardProfile::Crazyflie;
+            config.tag_protocol = TagProtocol::Crazyflie;
+        }
         let at = HostTime::from_us(1_000_000);
         let mut rig = Self {
             pilot: Pilot::new(config, hall(), at),

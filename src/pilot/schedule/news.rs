@@ -100,12 +100,7 @@ impl Act<'_> {
                 self.navigation.estimator.reference(&pose); // fuses only if it is configured to
                 self.out.record(|| Topic::Reference(pose));
             }
-            BoardNews::Tdoa(tdoa) => {
-                let view = view!(self, at);
-                let resumption = &mut self.flight.resumption;
-                let fused = |tdoa: &Tdoa| resumption.uwb(tdoa.valid_at);
-                self.navigation.board_tdoa(&view, &tdoa, self.out, fused);
-            }
+            BoardNews::Tdoa(tdoa) => self.board_tdoa(at, &tdoa),
             BoardNews::Anchors(told_m) => self.compare_anchors(at, &told_m),
             BoardNews::Found { system_id, firmware } => {
                 let name = firmware.name();
@@ -162,6 +157,14 @@ impl Act<'_> {
                 }
             }
         }
+    }
+
+    /// A deck of the board is the tag.
+    fn board_tdoa(&mut self, at: HostTime, tdoa: &Tdoa) {
+        let view = view!(self, at);
+        let resumption = &mut self.flight.resumption;
+        let fused = |tdoa: &Tdoa| resumption.uwb(tdoa.valid_at);
+        self.navigation.board_tdoa(&view, tdoa, self.out, fused);
     }
 
     /// Anchors say where they stand: the survey may be of another room, or an anchor was moved. We fly by the survey.
