@@ -9,8 +9,9 @@
 //! scatter, `said` the words. Nothing is flown, so that a flight takes milliseconds; nothing but the motors' commands is
 //! needed, and what is not there is told as not checked.
 //!
-//! Where it is blind: a load and a weak motor at one place differ by the moment of yaw alone, which other propellers change as
-//! well, so that small ones are a set; thrust that all motors lack alike is a load in the middle, another battery or other propellers.
+//! Where it is blind: a weak motor and a load at its place ask nearly the same of the motors, since a load under a propeller stands in
+//! its wash. What tells them apart is that a cut propeller shakes; where it does not, they are a set. Thrust that all motors lack
+//! alike is a load in the middle, another battery or other propellers.
 
 pub mod causes;
 pub mod hover;

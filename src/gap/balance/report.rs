@@ -136,7 +136,7 @@ impl<'a> Judge<'a> {
             share: change.balance[axis],
             sigma: sigma[axis],
         });
-        let explained = weighed.causes.first().filter(|_| outcome.kind().is_explained());
+        let explained = set(&weighed).first().copied().filter(|_| outcome.kind().is_explained());
         let held_out = self.held_out(explained, held_out);
         let another_vehicle = outcome.kind() == Ending::NotInLibrary;
         let candidates: Vec<Named> =
@@ -245,10 +245,17 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// The causes that the most probable one is not clearly ahead of.
+/// The causes that the most probable one is not clearly ahead of. What only shakes, at whatever motor, counts where it is more
+/// probable than all that has a place: a weak motor at a place shakes as well.
 fn set(weighed: &Weighed) -> Vec<&Candidate> {
-    let most = weighed.causes.first().map_or(0.0, |first| first.probability);
-    weighed.causes.iter().filter(|candidate| candidate.probability * ODDS >= most).collect()
+    let sum = |placed: bool| -> f64 {
+        let of = weighed.causes.iter().filter(|c| c.cause.motors.is_empty() != placed);
+        of.map(|candidate| candidate.probability).sum()
+    };
+    let is_placed = sum(true) >= sum(false);
+    let kept = || weighed.causes.iter().filter(|c| c.cause.motors.is_empty() != is_placed);
+    let most = kept().next().map_or(0.0, |first| first.probability);
+    kept().filter(|candidate| candidate.probability * ODDS >= most).collect()
 }
 
 /// Largest shaking that is tried, in tenths above 1.

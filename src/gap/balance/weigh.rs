@@ -33,10 +33,19 @@ const AT_ONE: f64 = 0.55;
 const AT_TWO: f64 = 0.15;
 const SHAKES: f64 = 0.1;
 const SOMETHING_ELSE: f64 = 0.2;
-/// Chance that what the balance shows shakes as well.
-const SHAKES_TOO: f64 = 0.5;
+/// Chance that what the balance shows shakes as well: a propeller that is cut is out of balance, a mass that is bound to an arm is not.
+const WEAK_SHAKES: f64 = 0.75;
+const LOAD_SHAKES: f64 = 0.25;
+const ELSE_SHAKES: f64 = 0.5;
+/// Yaw that a load at one motor may bring, over the moment that it brings about roll: under a propeller it stands in the wash, whose turning
+/// holds the yaw \[CrazyPAD: 1.0 and 1.4 with the smallest and the largest weight\]. Of two neighbours the washes turn against one another.
+const WASH: f64 = 1.0;
 /// Rates of two logs whose shaking may be compared differ by this at most, as a share.
 const SAME_RATE: f64 = 0.1;
+
+/// Axes of the balance by their place.
+const ROLL: usize = 1;
+const YAW: usize = 3;
 
 /// What healthy flights of a vehicle look like.
 pub struct Healthy {
@@ -160,14 +169,14 @@ impl Rivals {
     /// How probable each is for what was seen.
     pub fn weigh(&self, change: &Change, healthy: &Healthy) -> Weighed {
         let [calm, shaken] = [false, true].map(|is| healthy.shake_density(change, is));
-        let either = SHAKES_TOO * shaken + (1.0 - SHAKES_TOO) * calm;
+        let either = |chance: f64| chance * shaken + (1.0 - chance) * calm;
         let none = healthy.balance_density(change.balance, Vector4::zeros());
         let beside = Vector4::from(ELSE).map(|s| s.powi(2));
         let nothing = NOTHING * none * calm;
         let something_else = (1.0 - NOTHING)
             * SOMETHING_ELSE
             * healthy.balance_density(change.balance, beside)
-            * either;
+            * either(ELSE_SHAKES);
         let count =
             |of: usize| self.causes.iter().filter(|(c, _)| c.motors.len() == of).count() as f64;
         let priors = [SHAKES / count(0), AT_ONE / count(1), AT_TWO / count(2)];
@@ -179,10 +188,14 @@ impl Rivals {
                 // Without the shaking nothing is known of these.
                 Kind::Unbalanced | Kind::Swinging if change.shake.is_none() => 0.0,
                 Kind::Unbalanced | Kind::Swinging => shaken,
-                Kind::WeakMotor | Kind::Load => either,
+                Kind::WeakMotor => either(WEAK_SHAKES),
+                Kind::Load => either(LOAD_SHAKES),
             };
             let density = |trial: &Trial| {
-                let law = trial.adds.map(|value| (LAW * value).powi(2));
+                let mut law = trial.adds.map(|value| (LAW * value).powi(2));
+                if cause.kind == Kind::Load && cause.motors.len() == 1 {
+                    law[YAW] += (WASH * trial.adds[ROLL]).powi(2);
+                }
                 trial.weight * healthy.balance_density(change.balance - trial.adds, law)
             };
             let densities: Vec<f64> = trials.iter().map(density).collect();
