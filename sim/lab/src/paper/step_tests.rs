@@ -5,7 +5,7 @@
 use anyhow::{Context, Result};
 use haltere::report::svg::{Mark, Plot, Series, Tone};
 use haltere::report::verdict::Check;
-use haltere_core::control::{ControlConfig, Version};
+use haltere_core::control::{ControlConfig, Version, margins};
 use haltere_model::PlantConfig;
 use haltere_model::lockstep::Flight;
 use haltere_pilot::PilotConfig;
@@ -33,7 +33,7 @@ const PLOT_PX: [f64; 2] = [540.0, 220.0];
 const VERSIONS: [&str; 2] = ["raw", "modified"];
 
 /// Names and configurations of all that is flown: `raw` with our gains, `raw` and `paper` with those of each window, then the
-/// rungs but for the first, which is one of these.
+/// rungs of the ladder.
 fn cases(shipped: &PilotConfig) -> Vec<(String, PilotConfig)> {
     let with = |control: ControlConfig| PilotConfig { control, ..shipped.clone() };
     let raw = ControlConfig { version: Version::Raw, ..shipped.control.clone() };
@@ -44,13 +44,20 @@ fn cases(shipped: &PilotConfig) -> Vec<(String, PilotConfig)> {
             cases.push((name, with(printed_with(k, &shipped.control, version))));
         }
     }
-    cases.extend(rungs().into_iter().skip(1).map(|(name, on)| (name, build(shipped, on))));
+    cases.extend(flying(shipped).into_iter().map(|(name, on)| (name, build(shipped, on))));
     cases
+}
+
+/// Rungs that the companion does not refuse for their margins.
+fn flying(shipped: &PilotConfig) -> Vec<Rung> {
+    let mut rungs = rungs();
+    rungs.retain(|(_, on)| margins::refusal(&build(shipped, *on).control).is_none());
+    rungs
 }
 
 /// Simulated seconds of a repetition.
 pub fn seconds() -> u64 {
-    (2 * FOUND.len() + rungs().len()) as u64 * FLIGHT_S as u64
+    (1 + 2 * FOUND.len() + flying(&PilotConfig::default()).len()) as u64 * FLIGHT_S as u64
 }
 
 /// What was flown.
@@ -59,7 +66,7 @@ struct All {
     raw: Vec<Flown>,
     /// `raw` and `paper` with those of each window.
     printed: Vec<[Vec<Flown>; 2]>,
-    /// The ladder but for its first rung.
+    /// The ladder.
     rungs: Vec<(Rung, Vec<Flown>)>,
 }
 
@@ -121,7 +128,7 @@ pub fn run(bench: &Bench) -> Result<Section> {
     let raw = next()?;
     let printed = FOUND.iter().map(|_| Ok([next()?, next()?])).collect::<Result<_>>()?;
     let rungs =
-        rungs().into_iter().skip(1).map(|rung| Ok((rung, next()?))).collect::<Result<_>>()?;
+        flying(&bench.pilot).into_iter().map(|r| Ok((r, next()?))).collect::<Result<_>>()?;
     let all = All { raw, printed, rungs };
     let window_s = WINDOWS_S[WINDOW];
     let mut section = Section {
@@ -137,7 +144,7 @@ pub fn run(bench: &Bench) -> Result<Section> {
     rows(&mut section, &all);
     targets(&mut section, &all);
     section.tables.push(by_window(&all));
-    section.tables.push(ladder(&all));
+    section.tables.push(ladder(&all, &bench.pilot));
     section.tables.push(windows(&all));
     section.tables.push(measures(&flights)?);
     lines(&mut section, &all, bench);
@@ -276,7 +283,8 @@ fn by_window(all: &All) -> Table {
 }
 
 /// What each extension is worth, alone and with those before it.
-fn ladder(all: &All) -> Table {
+fn ladder(all: &All, shipped: &PilotConfig) -> Table {
+    let refused = rungs().len() - flying(shipped).len();
     let mut columns = vec!["raw over modified".to_owned()];
     for of in Quantity::ALL {
         columns.extend(AXES.iter().map(|axis| format!("{} {axis}", of.name())));
@@ -304,9 +312,10 @@ fn ladder(all: &All) -> Table {
             .chain(all.rungs.iter().map(|rung| (rung.0.0.clone(), all.rung(rung))))
             .map(row)
             .collect(),
-        note: "Plus: that extension alone. Dots: with all that stand above it among those with a plus. `raw` has our gains \
-               where `modified` has them."
-            .into(),
+        note: format!(
+            "Plus: that extension alone. Dots: with all that stand above it among those with a plus. `raw` has our gains \
+             where `modified` has them. {refused} not flown: refused for want of margin."
+        ),
         in_document: true,
     }
 }
