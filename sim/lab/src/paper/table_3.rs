@@ -117,7 +117,9 @@ impl Flown {
 /// Flies the programme of steps in any world that is ready to take off.
 pub fn fly<W: World>(world: &mut Lockstep<W>) -> Result<(Flown, Flight)> {
     let (scores, flight) = fly_steps(world, CENTRE_NE_M)?;
-    if !is_complete(&scores) || flight.samples.iter().any(|s| s.truth.crashed) {
+    // The landing is no part of it.
+    let end = begins(&flight, CENTRE_NE_M).last().map_or(0, |(_, start)| start + WINDOW_SAMPLES);
+    if !is_complete(&scores) || flight.samples[..end].iter().any(|s| s.truth.crashed) {
         bail!("{} steps flown; {}", scores.len(), flight.last_words());
     }
     let errors = Cell::all().map(|cell| errors(&flight, cell)).collect::<Result<_>>()?;
@@ -164,6 +166,28 @@ fn rest(errors: &[f64]) -> &[f64] {
     &errors[errors.len() - (REST_S as usize) * PER_S..]
 }
 
+fn peak(errors: &[f64]) -> f64 {
+    errors[PEAKS_FROM_S * PER_S..].iter().fold(0.0, |most, e| e.abs().max(most))
+}
+
+/// Means of the responses of several flights, there and back.
+fn mean_responses(flights: &[Flight], cell: Cell) -> Result<Vec<Vec<f64>>> {
+    let all: Vec<Vec<Vec<f64>>> =
+        flights.iter().map(|f| responses(f, cell, false)).collect::<Result<_>>()?;
+    let ways = all.iter().map(Vec::len).min().unwrap_or_default();
+    let mean = |way: usize| {
+        let at = |i: usize| all.iter().map(|f| f[way][i]).sum::<f64>() / all.len() as f64;
+        (0..WINDOW_SAMPLES).map(at).collect()
+    };
+    Ok((0..ways).map(mean).collect())
+}
+
+/// Largest error of the mean of several flights, from a second after the step on.
+pub fn peak_of_mean(flights: &[Flight], cell: Cell) -> Result<f64> {
+    let means = mean_responses(flights, cell)?;
+    Ok(means.iter().map(|m| peak(m)).sum::<f64>() / means.len() as f64)
+}
+
 fn errors(flight: &Flight, cell: Cell) -> Result<Errors> {
     let steps = responses(flight, cell, false)?;
     let over = |pick: &dyn Fn(&[f64]) -> f64| {
@@ -172,7 +196,7 @@ fn errors(flight: &Flight, cell: Cell) -> Result<Errors> {
     Ok(Errors {
         mean: WINDOWS_S.map(|w| over(&|s| mean_until(s, w))).to_vec(),
         rest: over(&|s| mean_until(rest(s), REST_S as usize)),
-        peak: over(&|s| s[PEAKS_FROM_S * PER_S..].iter().fold(0.0, |most, e| e.abs().max(most))),
+        peak: over(&peak),
     })
 }
 
@@ -185,13 +209,7 @@ pub fn by_measure(flights: &[Flight], cell: Cell, window: usize) -> Result<[f64;
     let mean = |all: &[Vec<f64>]| {
         all.iter().map(|s| mean_until(s, WINDOWS_S[window])).sum::<f64>() / all.len() as f64
     };
-    // There and back are different responses.
-    let ways = truth.iter().map(Vec::len).min().unwrap_or_default();
-    let means = (0..ways).map(|way| {
-        let at = |i: usize| truth.iter().map(|f| f[way][i]).sum::<f64>() / truth.len() as f64;
-        (0..WINDOW_SAMPLES).map(at).collect()
-    });
-    let means: Vec<Vec<f64>> = means.collect();
+    let means = mean_responses(flights, cell)?;
     Ok([mean(&truth.concat()), mean(&estimate.concat()), mean(&means)])
 }
 
