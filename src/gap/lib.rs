@@ -8,7 +8,7 @@
 //! beside a twin without it, [`bank::workshop`] what is kept on disk. What is said: `attribute` which effect, with `gate.rs`
 //! whether there is a gap at all and `foretold.rs` what it foretells, [`places`] where, [`shrink`] how far, [`advice`] what
 //! to fly next, [`accept`] what is written back, [`commission`] the constants with which the simulator flies as accepted
-//! flights were flown.
+//! flights were flown; [`balance`] judges quadrotors of others without any simulator.
 //!
 //! ```
 //! use haltere_gap::bank::{library, missions};
