@@ -22,6 +22,7 @@
 //! [`bank::workshop`] what is kept on disk. What is said: [`attribute`] which effect, [`places`] where, [`shrink`] how far,
 //! [`advice`] what to fly next, [`said`] the sentence of an effect, [`accept`] what is written back, [`commission`] the constants with
 //! which the simulator flies as accepted flights were flown. [`door`] leads through all of it and says it in plain words.
+//! [`balance`] judges quadrotors of others without any simulator.
 
 pub mod accept;
 pub mod advice;

@@ -259,7 +259,7 @@ mod tests {
     fn prop_what_is_no_log_is_said() {
         assert_eq!(parse(b"").unwrap_err(), NoLog::Magic);
         assert_eq!(parse(&log(3, &[])).unwrap_err(), NoLog::Version(3));
-        assert_eq!(parse(&log(2, &[])[..30]).unwrap_err(), NoLog::Head(22));
+        assert_eq!(parse(&log(2, &[])[..30]).unwrap_err(), NoLog::Head(24));
     }
 
     proptest! {
