@@ -492,7 +492,7 @@ fn findings(section: &mut Section) {
     );
     section.findings.push(
         "z: over 7 s the source's cells lie below what full and least thrust leave; from 10 s on they are possible, and no set \
-         of gains that flies comes nearer than twice the 1 m cell. By the mean of five, or by the estimate, it is no nearer."
+         of gains that flies comes nearer than twice the 1 m cell. "
             .into(),
     );
     section.findings.push(
