@@ -102,20 +102,18 @@ pub fn position_gains(axis: usize, version: usize, window_s: f64) -> [f64; 2] {
 /// A set that was flown, and its misfit by axis.
 type Tried = (Loops, [f64; 3]);
 
-/// Searches and prints window by window: K by the cells of `raw` and of `modified`, the loops and their misfit.
+/// Searches and prints window by window: the loops and their misfit.
 pub fn run(pilot: &PilotConfig) -> Result<bool> {
     let mut chosen = None;
     for window in SEARCHED {
         let window_s = WINDOWS_S[window];
-        let by_cells = [0, 1, 2].map(|a| position_gains(a, 1, window_s as f64));
-        say(&format!("{window_s} s: K by modified {by_cells:.2?}; "))?;
         let Some((loops, cost)) = search(pilot, window) else {
-            say("the K of raw do not fly here\n")?;
+            say(&format!("{window_s} s: does not fly\n"))?;
             continue;
         };
         let flights: Result<Vec<Flown>> = SEEDS.map(|seed| fly_one(pilot, &loops, seed)).collect();
         let sum = misfit(&flights?, window);
-        say(&format!("found {loops:.3?}, misfit {sum:.2}, cost by axis {cost:.2?}\n"))?;
+        say(&format!("{window_s} s: {loops:.3?}, misfit {sum:.2}, cost by axis {cost:.2?}\n"))?;
         if sum <= MOST_MISFIT && chosen.is_none() {
             chosen = Some((window_s, loops));
         }
