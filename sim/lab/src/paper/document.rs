@@ -16,6 +16,8 @@ Written by `haltere-lab paper --beside FILE --doc docs/PAPER.md`, FILE by `halte
 Plots, every window and measure, and why numbers differ: `paper/paper.html`. `--only steps` flies one experiment, `--set
 KEY=VALUE` another configuration, `--identify` finds the source's gains.
 ";
+/// Experiments whose findings are told here; those of the others stand on the page.
+const TOLD: [&str; 4] = ["laws", "height", "ground", "steps"];
 /// Tables of the source with more numbers than this are set as it sets them.
 const FEW: usize = 20;
 
@@ -40,7 +42,7 @@ pub fn render(outcomes: &[Outcome], about: &About<'_>) -> String {
         };
         let _ = writeln!(page, "\n## {}\n\n{}\n", experiment.title, section.method);
         tables(&mut page, section);
-        for finding in &section.findings {
+        for finding in section.findings.iter().filter(|_| TOLD.contains(&experiment.name)) {
             let _ = writeln!(page, "\n* {finding}");
         }
     }

@@ -111,7 +111,7 @@ pub fn run(bench: &Bench) -> Result<Section> {
     let mut section = Section {
         method: format!(
             "Standing for {STAND_S:.0} s with biased sensors, on top of noise and turn-on bias. The filter is not \
-             told that it stands, so that it can learn nothing of the biases by averaging at rest. Error: mean \
+             told that it stands. Error: mean \
              |roll| and |pitch| off the truth over the last {SETTLED_S:.0} s."
         ),
         ..Section::default()

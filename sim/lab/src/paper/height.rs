@@ -256,8 +256,9 @@ fn lines(section: &mut Section, printed: &[Vec<Heights>]) {
     section.findings.push(
         "A height that jumps by 1 m and is off by 0.060 m on average, as the source's in Z, has a standard deviation of 0.2 m \
          even with full and least thrust (\u{222b}e\u{b2} of the fastest way over the window that gives this mean); the source has \
-         0.056. Its deviation is another one than that of the error over time, or its height does not jump. With jumps the step \
-         itself is what overall deviations are made of, and no base thrust moves it."
+         0.056. Its deviation is another one than that of the error over time, or its height does not jump. Ours does not move with the \
+         base thrust since it is taken about the mean of a response: over 10 s a base thrust that is wrong shifts the mean, and \
+         the step makes the deviation. No rung of the ladder changes that."
             .into(),
     );
 }

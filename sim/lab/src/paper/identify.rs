@@ -29,13 +29,15 @@ use crate::steps::{AXES, SIZES_M};
 /// K, P and I by axis: 1/s; rad per m/s and rad per m forward and right, share of thrust per m/s and per m up.
 pub type Loops = [[f64; 3]; 3];
 
-/// Sets that are flown: windows by their place in [`WINDOWS_S`], and loops. What the search found over 10 s, with a misfit of
-/// 1.72; and what it found with K free up to 15 % beyond the cells, 1.70, with which `paper` swings in x.
-pub const FOUND: [(usize, Loops); 2] = [
+/// Sets that are flown: windows by their place in [`WINDOWS_S`], and loops. The guess near which the search begins, with a
+/// misfit of 1.72 over 10 s; what the search finds there, 1.72 on its own seeds; and what it found with K free up to 15 %
+/// beyond the cells, 1.70. The cells of `raw` do not tell them apart; `paper` swings in x with the last two.
+pub const FOUND: [(usize, Loops); 3] = [
+    (8, [[2.2, 0.21, 0.035], [2.0, 0.14, 0.035], [3.0, 0.374, 0.0632]]),
     (8, [[2.261, 0.267, 0.038], [1.897, 0.161, 0.043], [3.236, 0.365, 0.037]]),
     (8, [[3.161, 0.243, 0.030], [1.919, 0.151, 0.035], [3.056, 0.359, 0.029]]),
 ];
-/// The one of the rule, among them.
+/// The one that stands for the source, among them: it flies every experiment.
 pub const CHOSEN: usize = 0;
 /// Its window.
 pub const WINDOW: usize = FOUND[CHOSEN].0;
@@ -100,20 +102,18 @@ pub fn position_gains(axis: usize, version: usize, window_s: f64) -> [f64; 2] {
 /// A set that was flown, and its misfit by axis.
 type Tried = (Loops, [f64; 3]);
 
-/// Searches and prints window by window: K by the cells of `raw` and of `modified`, the loops and their misfit.
+/// Searches and prints window by window: the loops and their misfit.
 pub fn run(pilot: &PilotConfig) -> Result<bool> {
     let mut chosen = None;
     for window in SEARCHED {
         let window_s = WINDOWS_S[window];
-        let by_cells = [0, 1, 2].map(|a| position_gains(a, 1, window_s as f64));
-        say(&format!("{window_s} s: K by modified {by_cells:.2?}; "))?;
         let Some((loops, cost)) = search(pilot, window) else {
-            say("the K of raw do not fly here\n")?;
+            say(&format!("{window_s} s: does not fly\n"))?;
             continue;
         };
         let flights: Result<Vec<Flown>> = SEEDS.map(|seed| fly_one(pilot, &loops, seed)).collect();
         let sum = misfit(&flights?, window);
-        say(&format!("found {loops:.3?}, misfit {sum:.2}, cost by axis {cost:.2?}\n"))?;
+        say(&format!("{window_s} s: {loops:.3?}, misfit {sum:.2}, cost by axis {cost:.2?}\n"))?;
         if sum <= MOST_MISFIT && chosen.is_none() {
             chosen = Some((window_s, loops));
         }

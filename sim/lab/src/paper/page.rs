@@ -4,11 +4,11 @@
 use std::fmt::Write as _;
 
 use haltere::report::html::{self, Cell, WRAPS};
-use haltere::report::svg::{Mark, Plot, Series, Tone, escape};
+use haltere::report::svg::escape;
 use haltere::report::verdict::all_passed;
 
 use super::print::{HEAD, WORDS, cells};
-use super::results::{CREDIT, Cell as PaperCell, Claim, Row, Section, Spread, Verdict};
+use super::results::{CREDIT, Cell as PaperCell, Claim, Section, Spread, Verdict};
 use super::{About, Outcome, summary};
 
 /// Style of what only this page has.
@@ -33,9 +33,6 @@ fn prose(text: &str) -> String {
 
 /// Words of a cell that are longer than this are set as words, not as a number.
 const LONG: usize = 24;
-
-/// A table of fewer numbers needs no drawing.
-const LEAST_DOTS: usize = 4;
 
 /// The whole page.
 pub fn render(outcomes: &[Outcome], about: &About<'_>) -> String {
@@ -148,41 +145,6 @@ fn rows(page: &mut String, section: &Section) {
     });
     let heads: Vec<String> = heads.chain(["place".to_owned()]).collect();
     *page += &html::table(heads.iter().map(String::as_str), &lines.collect::<Vec<_>>());
-    if let Some(plot) = against(section) {
-        let _ = write!(page, "<div class=\"two\">{}</div>", plot.render());
-    }
-}
-
-/// Every row of one unit as a dot, ours over the source's, and the line on which both are equal.
-fn against(section: &Section) -> Option<Plot> {
-    let single = |r: &&Row| r.source.range[0] == r.source.range[1];
-    let mut series = Vec::new();
-    let mut most = 0.0f64;
-    for (unit, tone) in [("m", Tone::Estimate), ("m/s", Tone::Command)] {
-        let of = section.rows.iter().filter(single).filter(|r| r.unit == unit);
-        let of = of.map(|r| (r, r.printed.as_ref().unwrap_or(&r.ours)));
-        let points: Vec<[f64; 2]> = of.map(|(r, p)| [r.source.range[0], p.mean]).collect();
-        if points.len() >= LEAST_DOTS {
-            most = points.iter().map(|p| p[0]).fold(most, f64::max);
-            series.push(Series { name: unit.into(), tone, mark: Mark::Dots, points });
-        }
-    }
-    (!series.is_empty()).then(|| {
-        series.push(Series {
-            name: "equal".into(),
-            tone: Tone::Truth,
-            mark: Mark::Dashed,
-            points: vec![[0.0, 0.0], [most, most]],
-        });
-        Plot {
-            title: "Every cell".into(),
-            x_label: "source".into(),
-            y_label: "as printed".into(),
-            series,
-            size_px: [540.0, 300.0],
-            ..Plot::default()
-        }
-    })
 }
 
 fn draw(page: &mut String, section: &Section) {

@@ -86,8 +86,7 @@ pub fn run(bench: &Bench) -> Result<Section> {
         method: format!(
             "Speeds that angle steps end at (as in experiment 3, {} flights, {refused} refused for want of \
              thrust), and four forms through all repetitions, fitted by the same code as `haltere fit`. The second \
-             vehicle is one like the 33 cm DelFly Nimble: mass, flap rate, forward drag and passive dihedral are \
-             published, the rest is scaled from the Flapper; its sideways law is a guess (vehicles/delfly-nimble.toml).",
+             vehicle is one like the 33 cm DelFly Nimble (vehicles/delfly-nimble.toml).",
             flown.len() * bench.repetitions as usize
         ),
         ..Section::default()
