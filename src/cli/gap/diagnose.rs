@@ -9,9 +9,9 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 use clap::{Args, Parser};
 
+use super::balance::{self, Import};
 use super::budget;
 use super::options::{BankOptions, ReferenceOptions, SceneOptions, simulator};
-use super::balance::{self, Import};
 use super::terminal::Terminal;
 use crate::cli::output::{print, print_json};
 use crate::cli::which_flight::WhichFlight;

@@ -19,7 +19,7 @@ fn flight(name: &str, shares: [f64; 4], trembling: f64) -> MotorFlight {
     let row = |k: u32| {
         let t_s = f64::from(k) * 0.01;
         let is_up = (4.0..16.0).contains(&t_s);
-        let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
+        let sign = if k.is_multiple_of(2) { 1.0 } else { -1.0 };
         let of = [1.0, 1.0, -1.0, -1.0].map(|side: f64| 1.0 + side * sign * trembling);
         let command_frac =
             [0, 1, 2, 3].map(|m| if is_up { hover * shares[m] * of[m] } else { 0.0 });

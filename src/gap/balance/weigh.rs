@@ -225,11 +225,11 @@ fn marginal<T>(trials: &[Trial], densities: &[f64], of: fn(&mut Vec<(f64, f64)>)
     (0..places).map(at).collect()
 }
 
-fn mean(weighted: &mut Vec<(f64, f64)>) -> f64 {
+fn mean(weighted: &mut [(f64, f64)]) -> f64 {
     weighted.iter().map(|(size, weight)| size * weight).sum()
 }
 
-fn central_90(weighted: &mut Vec<(f64, f64)>) -> [f64; 2] {
+fn central_90(weighted: &mut [(f64, f64)]) -> [f64; 2] {
     weighted.sort_by(|a, b| a.0.total_cmp(&b.0));
     [0.05, 0.95].map(|share| {
         let mut sum = 0.0;
