@@ -37,12 +37,12 @@ pub const FOUND: [(usize, Loops); 3] = [
     (8, [[2.261, 0.267, 0.038], [1.897, 0.161, 0.043], [3.236, 0.365, 0.037]]),
     (8, [[3.161, 0.243, 0.030], [1.919, 0.151, 0.035], [3.056, 0.359, 0.029]]),
 ];
-/// The one that stands for the source, among them: it flies every experiment.
+/// The one that stands for the source: chosen after all had been flown, since it flies every experiment.
 pub const CHOSEN: usize = 0;
 /// Its window.
 pub const WINDOW: usize = FOUND[CHOSEN].0;
-/// Misfit of `raw` that is good enough, rounded: what a guessed set had.
-pub const MOST_MISFIT: f64 = 1.75;
+/// Misfit of `raw` that is good enough.
+pub const MOST_MISFIT: f64 = 1.7;
 
 /// Seeds of the search; no experiment is flown on them.
 const SEEDS: std::ops::Range<u64> = 9_100..9_108;

@@ -106,8 +106,7 @@ pub fn render(outcomes: &[Outcome], about: &About<'_>) -> String {
 pub fn about_rows() -> String {
     format!(
         "Source: Gonz\u{e1}lez, de Croon, Olejnik, Kar\u{e1}sek, Position controller for a flapping-wing drone using UWB, IMAV 2021. \
-         **As printed** is its system alone, flown here: `control.version = \"raw\"` and `\"paper\"`, gains read from its own \
-         table. **As shipped** is `raw` and `modified` with our gains. Means \u{b1} standard deviation over repetitions. *Agrees*: \
+         **As printed** is its system alone, flown here: `control.version = \"raw\"` and `\"paper\"`, gains guessed near what its table gives. **As shipped** is `raw` and `modified` with our gains. Means \u{b1} standard deviation over repetitions. *Agrees*: \
          the mean lies within 10 % of the source's for sure (two standard errors). *Scatters*: nobody can tell. *Kinder world*: \
          better, where the simulator is kinder than reality. *Explained*: a run or calculation of this report closes {:.0} to \
          {:.0} % of the difference.",
