@@ -28,7 +28,7 @@ pub(super) enum Import {
 /// How flights are read.
 pub(super) enum Source {
     Usdlog,
-    Table(Columns),
+    Table(Box<Columns>),
 }
 
 impl Import {
@@ -46,7 +46,7 @@ impl Import {
             (Import::Csv, Some(path)) => {
                 let name = || path.display().to_string();
                 let text = haltere_log::intake::text(path, MOST_BYTES).with_context(name)?;
-                Ok(Source::Table(toml::from_str(&text).with_context(name)?))
+                Ok(Source::Table(Box::new(toml::from_str(&text).with_context(name)?)))
             }
         }
     }

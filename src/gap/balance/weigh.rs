@@ -215,12 +215,13 @@ impl Rivals {
 }
 
 /// A number of the sizes at each place, whose densities are summed over the sizes at the others.
-fn marginal<T>(trials: &[Trial], densities: &[f64], of: fn(&mut Vec<(f64, f64)>) -> T) -> Vec<T> {
+fn marginal<T>(trials: &[Trial], densities: &[f64], of: fn(&mut [(f64, f64)]) -> T) -> Vec<T> {
     let places = trials.first().map_or(0, |trial| trial.sizes.len());
     let total: f64 = densities.iter().sum();
     let at = |place: usize| {
         let sizes = trials.iter().map(|trial| trial.sizes[place]);
-        of(&mut sizes.zip(densities.iter().map(|density| density / total)).collect())
+        let weights = densities.iter().map(|density| density / total);
+        of(&mut sizes.zip(weights).collect::<Vec<_>>())
     };
     (0..places).map(at).collect()
 }
