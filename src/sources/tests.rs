@@ -97,7 +97,7 @@ fn prop_bad_values_are_named_with_place_and_way_out() {
     check("[tag]\nbaud = -1\n", "tag.baud: found integer `-1`, expected a whole number from 0");
     check(
         "[tag]\nprotocol = \"uwb\"\n",
-        "tag.protocol: unknown choice `uwb`, expected `lps-sniffer` or `mavlink`",
+        "tag.protocol: unknown choice `uwb`, expected one of `lps-sniffer`, `mavlink`, `crazyflie`",
     );
     check(
         "[tag]\nprotocol = \"mavlink\"\n",

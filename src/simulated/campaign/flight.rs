@@ -247,7 +247,7 @@ impl<'a> Flight<'a> {
                     kept.truth.push(&truth)?;
                 }
             }
-            if self.is_over(&truth) {
+            if self.is_over(world, &truth) {
                 finished = true;
                 break;
             }
@@ -365,7 +365,7 @@ impl<'a> Flight<'a> {
         }
     }
 
-    fn is_over(&mut self, truth: &Truth) -> bool {
+    fn is_over(&mut self, world: &Lockstep, truth: &Truth) -> bool {
         if let Some((at_us, _)) = self.judge.crash
             && truth.t_us > at_us + AFTER_CRASH_US
         {
@@ -373,7 +373,11 @@ impl<'a> Flight<'a> {
         }
         // What a paused companion does when it goes on belongs to the flight.
         let awaited = truth.t_us < self.awaited_until_us;
-        let rests = truth.on_ground && !truth.armed && !awaited;
+        // A Crazyflie that arms itself stays armed: there it counts that the companion had it in hand and let it go.
+        let given_back = self.plan.scenario.companion_board().is_some()
+            && self.modes.len() > 1
+            && world.pilot().mode() == Mode::Disarmed;
+        let rests = truth.on_ground && (!truth.armed || given_back) && !awaited;
         if !rests {
             self.rest_since_us = None;
         }

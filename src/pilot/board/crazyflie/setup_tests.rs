@@ -1,3 +1,5 @@
+//! Setting a Crazyflie up, question by question.
+
 use haltere_dialect::crtp::memory::MemoryInfo;
 use haltere_dialect::crtp::toc::TocItem;
 
