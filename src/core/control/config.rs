@@ -40,7 +40,7 @@ pub enum TiltCompensation {
 crate::keys! {
     /// Configuration of the controller, key `control`.
     pub struct ControlConfig {
-        /// Controller and filter: the source's without its enhancements, ours with more, or the source's as printed.
+        /// Controller and filter: the source's without its enhancements, as printed (paper), or ours.
         ///
         /// It decides every switch below that is not set. raw and paper also leave out the board's vertical and the
         /// barometer, and paper the time constants of `[control.drag]`, whatever is said of them.

@@ -171,7 +171,7 @@ pub fn run(bench: &Bench) -> Result<Section> {
         let ours = through(&shipped, &|_| 1.0);
         let mut row = Row::new(what, unit, decimals, ours, source, Sense::Equal).tried(
             "equation 7 in the place of the simulator's law, same scatter",
-            through(&repetitions, &law).mean,
+            through(&shipped, &law).mean,
         );
         row.printed = Some(through(&repetitions, &|_| 1.0));
         section.rows.push(if beside == printed[1] {
