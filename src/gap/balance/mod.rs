@@ -9,8 +9,8 @@
 //! scatter, `said` the words. Nothing is flown, so that a flight takes milliseconds; nothing but the motors' commands is
 //! needed, and what is not there is told as not checked.
 //!
-//! Where it is blind: a weak motor and a load at its place ask nearly the same of the motors, since a load under a propeller stands in
-//! its wash. What tells them apart is that a cut propeller shakes; where it does not, they are a set. Thrust that all motors lack
+//! Where it is blind: a weak motor and a load at its place ask nearly the same of the motors, since on recorded flights a load at a motor
+//! changes yaw as well. What tells them apart is that a cut propeller shakes; where it does not, they are a set. Thrust that all motors lack
 //! alike is a load in the middle, another battery or other propellers.
 
 pub mod causes;

@@ -9,7 +9,7 @@ use super::causes::{Cause, Kind};
 use super::hover::Hover;
 use super::said;
 use super::weigh::{Candidate, Change, Healthy, Rivals, Weighed};
-use crate::outcome::{Ending, Named, Outcome, Remainder};
+use crate::outcome::{Named, Outcome, Remainder};
 
 /// Names of the four axes.
 pub const AXES: [&str; MOTORS] = ["vertical force", "roll", "pitch", "yaw"];
@@ -39,8 +39,6 @@ pub struct Report {
     pub outcome: Outcome,
     /// The same in words.
     pub verdict: String,
-    /// Whether the flight looks like that of another vehicle, or of this one with other propellers throughout.
-    pub another_vehicle: bool,
     /// What has changed, axis by axis.
     pub balance: Vec<AxisChange>,
     /// How many times as much the controller works from row to row.
@@ -138,7 +136,6 @@ impl<'a> Judge<'a> {
         });
         let explained = set(&weighed).first().copied().filter(|_| outcome.kind().is_explained());
         let held_out = self.held_out(explained, held_out);
-        let another_vehicle = outcome.kind() == Ending::NotInLibrary;
         let candidates: Vec<Named> =
             weighed.causes.iter().take(LISTED).map(|c| self.named(c)).collect();
         let mut report = Report {
@@ -148,7 +145,6 @@ impl<'a> Judge<'a> {
             can_show: self.can_show(),
             outcome,
             verdict: String::new(),
-            another_vehicle,
             balance: balance.collect(),
             shaking: change.shake.map(f64::exp),
             nothing: weighed.nothing,

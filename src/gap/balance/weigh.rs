@@ -37,8 +37,9 @@ const SOMETHING_ELSE: f64 = 0.2;
 const WEAK_SHAKES: f64 = 0.75;
 const LOAD_SHAKES: f64 = 0.25;
 const ELSE_SHAKES: f64 = 0.5;
-/// Yaw that a load at one motor may bring, over the moment that it brings about roll: under a propeller it stands in the wash, whose turning
-/// holds the yaw \[CrazyPAD: 1.0 and 1.4 with the smallest and the largest weight\]. Of two neighbours the washes turn against one another.
+/// Yaw that a load at one motor may bring, over the moment that it brings about roll \[CrazyPAD: 1.0 and 1.4 with the smallest and the largest
+/// weight; set after both had been seen\]. Why is not known: we suppose that under a propeller it stands in the wash, which turns, and that of
+/// two neighbours the washes turn against one another.
 const WASH: f64 = 1.0;
 /// Rates of two logs whose shaking may be compared differ by this at most, as a share.
 const SAME_RATE: f64 = 0.1;

@@ -117,7 +117,7 @@ pub fn run(bench: &Bench) -> Result<Section> {
     let mut section = Section {
         method: format!(
             "Standing with motors off for {STAND_S:.0} s. All filters see the same \
-             measurements, start at the true place, and are not told that the vehicle stands . The source does not state the size of its constant noise: here \
+             measurements, start at the true place, and are not told that the vehicle stands. The source does not state the size of its constant noise: here \
              \u{3bb} is held against 0.5, its value in flight; the steps of `raw` are flown with 1, its value on the floor. The \
              origin is taken as the middle of the hall."
         ),
