@@ -135,8 +135,13 @@ impl Board {
 
     /// A second board that speaks on the link of the first, for people.
     pub(crate) fn second(&self, at: HostTime) -> Option<String> {
-        let first = self.peers.board()?;
         let system_id = self.link.system_id()?;
+        if self.link.second_speaks(at) {
+            return Some(format!(
+                "a second board with system id {system_id} speaks on the line of ours"
+            ));
+        }
+        let first = self.peers.board()?;
         let second = self.peers.second(at, system_id, self.silence_s(at))?;
         Some(format!(
             "a second board with system id {system_id} speaks at {second}, beside ours at {first}"

@@ -23,6 +23,7 @@ pub(crate) mod profile;
 mod response;
 mod rules;
 mod sensors;
+mod speakers;
 mod streams;
 mod target;
 mod timing;
@@ -57,6 +58,7 @@ use pace::Pace;
 use profile::Firmware;
 use response::Response;
 use sensors::{SLOW_SETS, SlowFields, TextJoiner};
+use speakers::Speakers;
 use streams::Streams;
 use target::TargetWatch;
 
@@ -101,7 +103,7 @@ pub(crate) struct BoardLink {
     beat: Option<HEARTBEAT_DATA>,
     armed: ArmedWord,
     last_heard: Option<HostTime>,
-    last_sequence: Option<u8>,
+    speakers: Speakers,
     clock: BoardClock,
     pace: Pace,
     lateness: Lateness,
@@ -161,7 +163,7 @@ impl BoardLink {
             beat: None,
             armed: ArmedWord::default(),
             last_heard: None,
-            last_sequence: None,
+            speakers: Speakers::default(),
             clock: BoardClock::default(),
             pace: Pace::default(),
             lateness: Lateness::default(),
@@ -357,6 +359,11 @@ impl BoardLink {
         told.filter(|s| (0.0..=5.0).contains(s)).unwrap_or(self.firmware.spool_s())
     }
 
+    /// Whether another board with its number speaks on its line.
+    pub fn second_speaks(&self, at: HostTime) -> bool {
+        self.speakers.second_speaks(at)
+    }
+
     /// How long the board goes on with the last setpoint, s, before it flies by itself: as its parameter says, else as
     /// usual.
     pub fn gives_up_s(&self) -> f64 {
@@ -373,7 +380,7 @@ impl BoardLink {
         if !self.is_armed() {
             self.system_id = None;
         }
-        self.last_sequence = None;
+        self.speakers = Speakers::default();
         self.clock = BoardClock::default();
         self.pace = Pace::default();
         self.lateness = Lateness::default();
@@ -460,14 +467,11 @@ impl BoardLink {
             );
             return;
         }
-        if let Some(last) = self.last_sequence {
-            let missing = header.sequence.wrapping_sub(last).wrapping_sub(1);
-            // Half the ring or more is a reboot or a reordered frame, not a loss.
-            if missing < 128 {
-                drops.add(DropReason::MavSequenceGap, u64::from(missing));
-            }
-        }
-        self.last_sequence = Some(header.sequence);
+        let Some(missing) = self.speakers.note(at, header.sequence) else {
+            drops.add(DropReason::MavWrongPeer, 1);
+            return;
+        };
+        drops.add(DropReason::MavSequenceGap, u64::from(missing));
         if let Some(silent_s) = self.silence_s(at).filter(|s| *s > 0.5) {
             news.push(BoardNews::Back { silent_s });
         }

@@ -193,8 +193,9 @@ pub(super) const BOARD_GAP: Condition = Condition {
 /// Two boards with one number on one port.
 pub(super) const SECOND: Condition = Condition {
     name: "second_board",
-    seen_by: "A board with the system id of ours speaks on the same link from another UDP address, while ours speaks \
-              from its own or has been silent for 3 s. It is not heard and nothing is sent to it. When our board is \
+    seen_by: "A board with the system id of ours speaks on the same link: from another UDP address, while ours speaks \
+              from its own or has been silent for 3 s, or on the same line, which the numbers of the frames show. It is \
+              not heard; at another address nothing is sent to it. When our board is \
               silent for 0.3 s at its address and its time since boot (SYSTEM_TIME, `time_boot_ms`) goes on at another \
               one within 0.25 s, it is the same board behind a router that changed its port: it is followed there, and \
               that is told.",
@@ -205,7 +206,7 @@ pub(super) const SECOND: Condition = Condition {
     is_seen: |sight| sight.board.second(sight.view.at).is_some(),
     words: |sight| {
         let what = sight.board.second(sight.view.at).unwrap_or_default();
-        format!("{what}: it is not heard, nothing is sent to it")
+        format!("{what}: it is not heard")
     },
     ..ROW
 };
