@@ -109,6 +109,8 @@ pub(crate) struct BoardLink {
     lateness: Lateness,
     /// Stamp of the newest sample.
     stamped_at: HostTime,
+    /// The newest sample of the IMU as it was sent: its stamp, its sensor, what it says.
+    newest_imu: Option<(u64, u8, [[f32; 3]; 2])>,
     response: Response,
     sync_sent_us: [u64; SYNC_KEPT],
     next_sync: HostTime,
@@ -168,6 +170,7 @@ impl BoardLink {
             pace: Pace::default(),
             lateness: Lateness::default(),
             stamped_at: HostTime::default(),
+            newest_imu: None,
             response: Response::default(),
             sync_sent_us: [0; SYNC_KEPT],
             next_sync: at,

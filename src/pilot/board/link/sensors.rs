@@ -192,6 +192,12 @@ impl BoardLink {
         }
     }
 
+    /// Whether a sample is the last one once more, stamp and all: a board that hangs says nothing new, however often. A
+    /// stamp that has grown too old to be believed would make it one of now.
+    fn says_again(&mut self, stamp_us: u64, id: u8, said: [[f32; 3]; 2]) -> bool {
+        self.newest_imu.replace((stamp_us, id, said)) == Some((stamp_us, id, said))
+    }
+
     fn highres_imu(
         &mut self,
         at: HostTime,
@@ -199,6 +205,14 @@ impl BoardLink {
         drops: &mut Drops,
         news: &mut Vec<BoardNews>,
     ) {
+        if self.says_again(
+            m.time_usec,
+            m.id,
+            [[m.xacc, m.yacc, m.zacc], [m.xgyro, m.ygyro, m.zgyro]],
+        ) {
+            drops.add(DropReason::ImuOutOfOrder, 1);
+            return;
+        }
         self.note_age(m.time_usec, at);
         let valid_at = self.stamp(m.time_usec, at);
         let fields = m.fields_updated.bits();
@@ -274,6 +288,10 @@ impl BoardLink {
         drops: &mut Drops,
         news: &mut Vec<BoardNews>,
     ) {
+        if self.says_again(stamp_us, id, [acc_mg, rate_mradps].map(|v| v.map(|v| v as f32))) {
+            drops.add(DropReason::ImuOutOfOrder, 1);
+            return;
+        }
         self.note_age(stamp_us, at);
         let valid_at = self.stamp(stamp_us, at);
         let acc_B_mps2 = Vec3::<B>::from_array(acc_mg) * (1e-3 * G_MPS2);

@@ -38,13 +38,13 @@ const SHARES: [f64; 2] = [0.6, 1.05];
 const LATE_MOST: f64 = 1.0;
 /// … and near the floor, where the ground effect carries a fifth more, while no accelerometer tells of the floor, or what
 /// is sent comes late.
-const MOST_LOW: f64 = 0.84;
+const MOST_LOW: f64 = 0.82;
 /// Share without a barometer. With a drag of 0.65 to 1 1/s a deficit of 8 % sinks at 0.8 to 1.2 m/s.
 const BLIND_SHARE: f64 = 0.92;
 /// Where the accelerometer does not tell of the floor either, so much of the share is taken away per second from the
-/// moment on in which the floor should have come, down to the least with which a search for the floor ends: the ground
-/// effect would hold it up. Only from so low, m, that a descent which is slower than this, m/s, falls no more than half
-/// a metre then.
+/// moment on in which the floor may have come, down to what the ground effect does not throw up ([`MOST_LOW`]); and from
+/// the moment on in which it should have come, down to the least with which a search for the floor ends. That only from so
+/// low, m, that a descent which is slower than this, m/s, falls no more than half a metre then.
 const BLIND_PER_S: f64 = 0.15;
 const BLIND_LEAST: f64 = 0.55;
 const BLIND_FROM_M: f64 = 1.5;
@@ -94,7 +94,8 @@ pub(crate) struct Descent {
     pub height_m: f64,
     pub sink_mps: f64,
     bias_mps2: f64,
-    /// Height at its beginning, m.
+    /// Height at its beginning, m: as measured, and the most that it may rise to.
+    known_m: f64,
     from_m: f64,
     elapsed_s: f64,
     /// Barometric height minus ours, at the first sample, m: only differences are used.
@@ -119,7 +120,8 @@ impl Descent {
         let height_m = if height_m.is_finite() { height_m.max(0.0) } else { 0.0 };
         let sink_mps = if sink_mps.is_finite() { sink_mps.clamp(-2.0, 2.0) } else { 0.0 };
         let from_m = height_m + RISES_FOR_S * (-sink_mps).max(0.0);
-        Self { height_m, sink_mps, from_m, baro_age_s: f64::INFINITY, ..Self::default() }
+        let known_m = from_m;
+        Self { height_m, sink_mps, known_m, from_m, baro_age_s: f64::INFINITY, ..Self::default() }
     }
 
     /// It may rise with this speed, m/s, whatever was measured when it began.
@@ -167,9 +169,11 @@ impl Descent {
         } else {
             BLIND_SHARE
         };
-        let low = self.from_m < BLIND_FROM_M && self.elapsed_s > self.from_m / BLIND_MPS;
-        if self.numb && low && self.baro_age_s >= SILENT_S {
-            self.taken += BLIND_PER_S * dt_s;
+        let has_come = |from_m: f64| self.elapsed_s > from_m / BLIND_MPS;
+        if self.numb && self.baro_age_s >= SILENT_S && has_come(self.known_m) {
+            let surely = self.known_m < BLIND_FROM_M && has_come(self.from_m);
+            let most = if surely { f64::INFINITY } else { BLIND_SHARE - MOST_LOW };
+            self.taken = (self.taken + BLIND_PER_S * dt_s).min(most.max(self.taken));
             if share - self.taken < BLIND_LEAST {
                 return None;
             }
