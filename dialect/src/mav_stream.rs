@@ -10,7 +10,7 @@
 //! frames with it (measured in the tests: below one in a thousand damaged frames). And a byte lost
 //! inside the 13 bytes of a signature, which no checksum covers, takes the next marker with it.
 
-use mavlink::{MavlinkVersion, Message, error::ParserError};
+use mavlink::{MavlinkVersion, Message, MessageData, error::ParserError};
 
 use crate::crc;
 use crate::mav::haltere::{HEARTBEAT_DATA, MavMessage};
@@ -128,6 +128,10 @@ pub fn target(message: &MavMessage) -> (u8, u8) {
 
 /// The HEARTBEAT that a frame is; `None` for any other message.
 pub fn heartbeat_of(frame: &MavFrame<'_>) -> Option<HEARTBEAT_DATA> {
+    // Asked of every frame of the board, five times: none but a heartbeat is decoded for it.
+    if frame.header.msg_id != HEARTBEAT_DATA::ID {
+        return None;
+    }
     match frame.decode() {
         Ok(MavMessage::HEARTBEAT(beat)) => Some(beat),
         _ => None,

@@ -7,7 +7,7 @@
 //! diagnosis is compared with; `util_flights` runs the filter on recorded flights, `recorded` and
 //! `lines_of_sight` study them, `balance` weighs their forces, `crazypad` scores the diagnosis on real flights with known causes, `aids` and `tune` the estimator and
 //! the gains; `paper` flies the experiments of the source, `beside` its steps in that other world. `faults` breaks
-//! what can break, `soak`, `flood` and `kills` measure the companion as a process.
+//! what can break, `soak`, `flood` and `kills` measure the companion as a process, `speed` what flights cost.
 
 mod aids;
 mod balance;
@@ -31,6 +31,7 @@ mod recordings;
 mod retune;
 mod score;
 mod soak;
+mod speed;
 mod steps;
 mod trial;
 mod tune;
@@ -98,6 +99,8 @@ enum Command {
     Paper(paper::Options),
     /// The steps of the source in the world of the sealed suite, for `haltere-lab paper --beside`.
     Beside(beside::Options),
+    /// What a flight costs in processor time, and what follows of it for a bank and for many machines.
+    Speed(speed::Options),
     /// Search PID gains for version `raw`, as the committed ones were found.
     Tune(tune::Options),
 }
@@ -129,6 +132,7 @@ fn main() -> ExitCode {
         Command::Kills(options) => kills::run(&options).map(code),
         Command::Paper(options) => paper::run(&options).map(code),
         Command::Beside(options) => beside::run(&options).map(code),
+        Command::Speed(options) => speed::run(&options).map(|()| ExitCode::SUCCESS),
         Command::Tune(options) => tune::run(&options).map(code),
     };
     match result {

@@ -11,8 +11,10 @@ use super::options::{BankOptions, SceneOptions};
 use crate::cli::output::{print, print_json};
 use crate::cli::which_flight::{WhichFlight, tell};
 use crate::progress::Progress;
+use haltere_gap::bank::make_bank::{Part, Recipe};
 use haltere_gap::bank::missions;
-use haltere_gap::bank::workshop::Workshop;
+use haltere_gap::bank::parts::{self, Stage, Standing};
+use haltere_gap::bank::workshop::{BANK_SEED, Workshop};
 use haltere_gap::flight::logs;
 use haltere_gap::scene::Scene;
 use haltere_log::written;
@@ -30,8 +32,15 @@ pub struct BankCommand {
     told: SceneOptions,
     #[command(flatten)]
     options: BankOptions,
+    /// Flies part I of N and keeps it as a piece beside the bank: first of the flights without effect, and by the same
+    /// command again, once those of all parts are there, of the effects (docs/CAMPAIGNS.md).
+    #[arg(long, value_name = "I/N", conflicts_with = "join")]
+    part: Option<Part>,
+    /// Joins the pieces of N parts to the bank, byte for byte what flying it at once makes.
+    #[arg(long, value_name = "N")]
+    join: Option<usize>,
     /// Writes the bank as JSON too, for other methods.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "part")]
     export: Option<PathBuf>,
     /// Prints as JSON.
     #[arg(long)]
@@ -60,15 +69,20 @@ impl BankCommand {
             }
         };
         let started = Instant::now();
+        let (folder, library, size) =
+            (self.options.folder(), self.options.library()?, self.options.size());
+        let recipe =
+            Recipe { scene: &scene, items: &items, library: &library, size, seed: BANK_SEED };
+        if let Some(part) = self.part {
+            let progress = Progress::new("part of a bank");
+            let standing = parts::fly(&folder, &recipe, part, |done, of| progress.at(done, of))?;
+            return self.tell_part(part, standing);
+        }
+        let joined = self.join.map(|of| parts::join(&folder, &recipe, of)).transpose()?;
         let progress = Progress::new("bank");
-        let workshop = Workshop::open(
-            &self.options.folder(),
-            scene,
-            items,
-            self.options.library()?,
-            self.options.size(),
-            |done, of| progress.at(done, of),
-        )?;
+        let mut workshop =
+            Workshop::open(&folder, scene, items, library, size, |done, of| progress.at(done, of))?;
+        workshop.lost.extend(joined.into_iter().flat_map(|made| made.lost));
         let bank = &workshop.bank;
         if let Some(path) = &self.export {
             let text = serde_json::to_string(bank)?;
@@ -99,6 +113,28 @@ impl BankCommand {
                 print(&format!("  {of}: {count} flights could not be flown or observed\n"))?;
             }
         }
+        Ok(ExitCode::SUCCESS)
+    }
+    fn tell_part(&self, part: Part, standing: Standing) -> anyhow::Result<ExitCode> {
+        let Standing { stage, there, of } = standing;
+        if self.json {
+            print_json(&json!({
+                "part": part.number, "of": of, "flown": stage.words(), "parts_there": there,
+            }))?;
+            return Ok(ExitCode::SUCCESS);
+        }
+        let next = match (stage, there == of) {
+            (Stage::Healthy, _) => {
+                "; the same command flies the effects once all are there".to_owned()
+            }
+            (Stage::Effects, true) => format!("; `--join {of}` joins them"),
+            (Stage::Effects, false) => String::new(),
+        };
+        let number = part.number;
+        print(&format!(
+            "part {number}: {} of {there} of {of} parts are there{next}\n",
+            stage.words()
+        ))?;
         Ok(ExitCode::SUCCESS)
     }
 }

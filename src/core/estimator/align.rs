@@ -250,19 +250,37 @@ impl Recent {
         (median_m <= largest_m).then_some(Fix { x_E, median_m, used, hidden_m })
     }
 
-    fn cost(
+    /// Cost at a position, with the normal equations there: whoever goes on from it needs them, and the residuals are the same.
+    fn fit_at(
         &self,
         oldest: HostTime,
-        x_E: &Vector3<f64>,
+        x_E: Vector3<f64>,
         height_m: Option<f64>,
         hidden_m: f64,
-    ) -> f64 {
-        let fits: f64 = self
-            .since(oldest)
-            .map(|kept| (1.0 + (residual(kept, x_E, hidden_m).0 / SCALE_M).powi(2)).ln())
-            .sum();
-        let n = self.since(oldest).count() as f64;
-        fits + height_m.map_or(0.0, |h| n * ((h + x_E.z) / STD_REST_HEIGHT_M).powi(2))
+    ) -> FitAt {
+        let mut fit = FitAt {
+            x_E,
+            cost: 0.0,
+            information: Matrix3::zeros(),
+            right: Vector3::zeros(),
+            n: 0.0,
+        };
+        for kept in self.since(oldest) {
+            let (r, h) = residual(kept, &x_E, hidden_m);
+            let loss = 1.0 + (r / SCALE_M).powi(2);
+            let w = 1.0 / loss / (SCALE_M * SCALE_M);
+            fit.cost += loss.ln();
+            fit.information += h * h.transpose() * w;
+            fit.right += h * (r * w);
+            fit.n += 1.0;
+        }
+        fit.cost += height_m.map_or(0.0, |h| fit.n * ((h + x_E.z) / STD_REST_HEIGHT_M).powi(2));
+        if let Some(h) = height_m {
+            let w = fit.n / (STD_REST_HEIGHT_M * STD_REST_HEIGHT_M);
+            fit.information[(2, 2)] += w;
+            fit.right.z += w * (-h - x_E.z);
+        }
+        fit
     }
 
     fn descend(
@@ -272,39 +290,20 @@ impl Recent {
         height_m: Option<f64>,
         hidden_m: f64,
     ) -> Option<(f64, Vector3<f64>)> {
-        let mut x_E = start;
-        let mut cost = self.cost(oldest, &x_E, height_m, hidden_m);
+        let mut fit = self.fit_at(oldest, start, height_m, hidden_m);
         let mut damping = 1e-3;
+        // Of the place from which the last step was tried.
         let mut information = Matrix3::zeros();
-        let mut n = 0.0;
         for _ in 0..STEPS {
-            let mut A = Matrix3::zeros();
-            let mut b = Vector3::zeros();
-            n = 0.0;
-            for kept in self.since(oldest) {
-                let (r, h) = residual(kept, &x_E, hidden_m);
-                let w = 1.0 / (1.0 + (r / SCALE_M).powi(2)) / (SCALE_M * SCALE_M);
-                A += h * h.transpose() * w;
-                b += h * (r * w);
-                n += 1.0;
-            }
-            information = A;
-            if let Some(h) = height_m {
-                let w = n / (STD_REST_HEIGHT_M * STD_REST_HEIGHT_M);
-                A[(2, 2)] += w;
-                b.z += w * (-h - x_E.z);
-                information = A;
-            }
-            let mut damped = A;
+            information = fit.information;
+            let mut damped = information;
             for i in 0..3 {
-                damped[(i, i)] += damping * (A[(i, i)] + 1e-6);
+                damped[(i, i)] += damping * (information[(i, i)] + 1e-6);
             }
-            let step = damped.try_inverse()? * b;
-            let tried = x_E + step;
-            let tried_cost = self.cost(oldest, &tried, height_m, hidden_m);
-            if tried_cost.is_finite() && tried_cost < cost {
-                x_E = tried;
-                cost = tried_cost;
+            let step = damped.try_inverse()? * fit.right;
+            let tried = self.fit_at(oldest, fit.x_E + step, height_m, hidden_m);
+            if tried.cost.is_finite() && tried.cost < fit.cost {
+                fit = tried;
                 damping = (damping * 0.3).max(1e-9);
                 if step.norm() < 1e-4 {
                     break;
@@ -316,9 +315,20 @@ impl Recent {
                 }
             }
         }
+        let FitAt { x_E, cost, n, .. } = fit;
         let seen = information.symmetric_eigenvalues().min() > LEAST_INFORMATION * n;
         (seen && x_E.iter().all(|c| c.is_finite())).then_some((cost, x_E))
     }
+}
+
+/// What the measurements come to at a position.
+struct FitAt {
+    x_E: Vector3<f64>,
+    cost: f64,
+    information: Matrix3<f64>,
+    right: Vector3<f64>,
+    /// Measurements.
+    n: f64,
 }
 
 /// Residual (measured minus predicted) and its Jacobian's direction.

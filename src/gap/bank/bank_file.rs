@@ -45,8 +45,18 @@ struct OnDisk {
 struct EffectOnDisk {
     id: String,
     axes: Vec<Axis>,
-    /// θ, seed, twin, statistics.
-    draws: Vec<(Vec<f64>, u64, usize, Row)>,
+    draws: Vec<DrawOnDisk>,
+}
+
+/// θ, seed, twin, statistics.
+pub(super) type DrawOnDisk = (Vec<f64>, u64, usize, Row);
+
+pub(super) fn draw_to_disk(draw: &Draw) -> DrawOnDisk {
+    (draw.theta.clone(), draw.seed, draw.twin, to_disk(&draw.statistics))
+}
+
+pub(super) fn draw_from_disk((theta, seed, twin, row): DrawOnDisk) -> Draw {
+    Draw { theta, seed, twin, statistics: from_disk(row) }
 }
 
 pub(crate) fn to_disk(rows: &[f64]) -> Row {
@@ -62,11 +72,7 @@ fn contents(bank: &Bank) -> OnDisk {
     let effects = bank.effects.iter().map(|e| EffectOnDisk {
         id: e.id.clone(),
         axes: e.axes.clone(),
-        draws: e
-            .draws
-            .iter()
-            .map(|d| (d.theta.clone(), d.seed, d.twin, to_disk(&d.statistics)))
-            .collect(),
+        draws: e.draws.iter().map(draw_to_disk).collect(),
     });
     OnDisk {
         names: bank.names.clone(),
@@ -93,11 +99,7 @@ pub fn read(path: &Path) -> Result<(Bank, u64), BankFileError> {
     let effects = disk.effects.into_iter().map(|e| EffectDraws {
         id: e.id,
         axes: e.axes,
-        draws: e
-            .draws
-            .into_iter()
-            .map(|(theta, seed, twin, row)| Draw { theta, seed, twin, statistics: from_disk(row) })
-            .collect(),
+        draws: e.draws.into_iter().map(draw_from_disk).collect(),
     });
     let bank = Bank {
         names: disk.names,

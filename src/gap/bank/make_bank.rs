@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::bank::axis::Axis;
 use crate::bank::fly::{NotFlown, fly_observed_into};
@@ -134,7 +135,7 @@ pub struct Made {
 }
 
 /// Why a flight is not in the bank.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum End {
     /// The simulator refuses the vehicle or the effect.
     Refused,
@@ -164,30 +165,114 @@ impl End {
     }
 }
 
+/// What came of one flight without effect.
+pub(super) type NullRow = Result<Vec<f64>, End>;
+
+/// What came of the draws of one effect, in their order; `None`: lost.
+pub(super) type EffectRows = Vec<Option<Draw>>;
+
+/// A share of a list: every `of`-th of it, beginning with the `number`-th, counted from 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Part {
+    /// Which.
+    pub number: usize,
+    /// Of how many.
+    pub of: usize,
+}
+
+impl Part {
+    /// All of it.
+    pub const WHOLE: Self = Self { number: 1, of: 1 };
+    /// Most parts: a bank has fewer flights.
+    const MOST: usize = 1000;
+
+    /// Whether it holds what stands at this place of the list.
+    pub fn holds(self, place: usize) -> bool {
+        place % self.of == self.number - 1
+    }
+}
+
+impl std::str::FromStr for Part {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers =
+            text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+        match numbers {
+            Some((number, of)) if of <= Self::MOST && (1..=of).contains(&number) => {
+                Ok(Self { number, of })
+            }
+            _ => Err(format!("write I/N with I from 1 to N, N up to {}", Self::MOST)),
+        }
+    }
+}
+
 /// Flies the whole bank on all cores. `progress` hears of every flight: done, of how many.
 pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made {
-    let nulls = nulls(recipe);
-    let total = nulls.len() + recipe.size.draws_of_all(recipe.library);
+    let total = flights_without(recipe, Part::WHOLE) + recipe.size.draws_of_all(recipe.library);
     let done = AtomicUsize::new(0);
     let tell = || progress(done.fetch_add(1, Ordering::Relaxed) + 1, total);
-    let hand = Hand { recipe, nominal: Nominal::of_scene(recipe.scene) };
-    let trace = || Trace::new(recipe.scene.survey.clone());
+    let begun = begin(recipe, fly_nulls(recipe, Part::WHOLE, &tell));
+    let flown = fly_effects(recipe, &begun, Part::WHOLE, &tell);
+    end(begun, flown)
+}
 
-    let rows: Vec<Result<Vec<f64>, End>> = nulls
-        .par_iter()
-        .map_init(trace, |trace, null| {
-            let row = hand.fly(null.seed, null.jitter, None, trace);
-            tell();
-            row
-        })
-        .collect();
+/// Flights without effect in a part.
+pub(super) fn flights_without(recipe: &Recipe<'_>, part: Part) -> usize {
+    (0..nulls(recipe).len()).filter(|k| part.holds(*k)).count()
+}
+
+/// Draws of the effects of a part.
+pub(super) fn flights_with(recipe: &Recipe<'_>, part: Part) -> usize {
+    let ours = recipe.library.iter().enumerate().filter(|(place, _)| part.holds(*place));
+    ours.map(|(_, spec)| recipe.size.draws_of(spec)).sum()
+}
+
+/// Flies those of a part without effect.
+pub(super) fn fly_nulls(
+    recipe: &Recipe<'_>,
+    part: Part,
+    tell: &(impl Fn() + Sync),
+) -> Vec<NullRow> {
+    let hand = Hand { recipe, nominal: Nominal::of_scene(recipe.scene) };
+    let ours = nulls(recipe).into_iter().enumerate().filter(|(k, _)| part.holds(*k));
+    let ours: Vec<Null> = ours.map(|(_, null)| null).collect();
+    ours.par_iter()
+        .map_init(
+            || Trace::new(recipe.scene.survey.clone()),
+            |trace, null| {
+                let row = hand.fly(null.seed, null.jitter, None, trace);
+                tell();
+                row
+            },
+        )
+        .collect()
+}
+
+/// A bank with its flights without effect, and what those with one need of them.
+pub(super) struct Begun {
+    pub bank: Bank,
+    /// Of the flown flights with jitter.
+    seeds: Vec<u64>,
+    lost: BTreeMap<String, usize>,
+    ends: BTreeMap<End, (usize, u64)>,
+}
+
+impl Begun {
+    /// What became of healthy flights with jitter that are not in the bank ([`Made::ends`]).
+    pub fn ends(&self) -> Vec<(End, usize, u64)> {
+        self.ends.iter().map(|(end, (count, seed))| (*end, *count, *seed)).collect()
+    }
+}
+
+/// Begins a bank with all flights without effect, in the order of their list.
+pub(super) fn begin(recipe: &Recipe<'_>, rows: Vec<NullRow>) -> Begun {
     let mut bank =
         Bank { names: specs().iter().map(|s| s.name.clone()).collect(), ..Bank::default() };
-    // Of the flown flights with jitter.
     let mut seeds: Vec<u64> = Vec::new();
     let mut lost: BTreeMap<String, usize> = BTreeMap::new();
     let mut ends: BTreeMap<End, (usize, u64)> = BTreeMap::new();
-    for (null, row) in nulls.iter().zip(rows) {
+    for (null, row) in nulls(recipe).iter().zip(rows) {
         match row {
             Ok(row) if null.jitter => {
                 seeds.push(null.seed);
@@ -204,33 +289,52 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
             }
         }
     }
-
     let scene = recipe.scene;
     for spec in recipe.library {
         let axes = library::axes(spec, &scene.vehicle, &scene.room, anchors(scene));
         bank.effects.push(EffectDraws { id: spec.id.to_owned(), axes, draws: Vec::new() });
     }
+    Begun { bank, seeds, lost, ends }
+}
+
+/// Flies the effects of a part.
+pub(super) fn fly_effects(
+    recipe: &Recipe<'_>,
+    begun: &Begun,
+    part: Part,
+    tell: &(impl Fn() + Sync),
+) -> Vec<EffectRows> {
+    let hand = Hand { recipe, nominal: Nominal::of_scene(recipe.scene) };
+    let Begun { bank, seeds, .. } = begun;
     let sigmas = scales(&bank.jitter);
-    let drawn = drawn(recipe, &seeds);
+    let drawn = drawn(recipe, seeds);
+    let ours: Vec<(usize, &EffectDraws)> =
+        bank.effects.iter().enumerate().filter(|(place, _)| part.holds(*place)).collect();
     // One effect after the other on each core: its later draws know what its earlier ones came to.
-    let flown: Vec<Vec<Option<Draw>>> = bank
-        .effects
-        .par_iter()
+    ours.par_iter()
         .with_max_len(1)
-        .enumerate()
-        .map_init(trace, |trace, (place, effect)| {
-            let mut heard = Heard::NOTHING;
-            let of_effect = drawn.iter().filter(|drawn| drawn.place == place);
-            let fly = |drawn: &Drawn| {
-                let silence = Silence { row: &bank.jitter[drawn.twin], sigmas: &sigmas };
-                let flown = hand.draw(drawn, &effect.axes, silence, &mut heard, trace);
-                tell();
-                let (theta, statistics) = flown?;
-                Some(Draw { theta, seed: drawn.seed, twin: drawn.twin, statistics })
-            };
-            of_effect.map(fly).collect()
-        })
-        .collect();
+        .map_init(
+            || Trace::new(recipe.scene.survey.clone()),
+            |trace, (place, effect)| {
+                let mut heard = Heard::NOTHING;
+                let of_effect = drawn.iter().filter(|drawn| drawn.place == *place);
+                let fly = |drawn: &Drawn| {
+                    let silence = Silence { row: &bank.jitter[drawn.twin], sigmas: &sigmas };
+                    let flown = hand.draw(drawn, &effect.axes, silence, &mut heard, trace);
+                    tell();
+                    let (theta, statistics) = flown?;
+                    Some(Draw { theta, seed: drawn.seed, twin: drawn.twin, statistics })
+                };
+                of_effect.map(fly).collect()
+            },
+        )
+        .collect()
+}
+
+/// Ends a bank with the draws of all effects, in the order of the library.
+pub(super) fn end(begun: Begun, flown: Vec<EffectRows>) -> Made {
+    let ends = begun.ends();
+    let Begun { mut bank, mut lost, .. } = begun;
     for (effect, draws) in bank.effects.iter_mut().zip(flown) {
         for draw in draws {
             let Some(draw) = draw else {
@@ -244,7 +348,6 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
             effect.draws.push(draw);
         }
     }
-    let ends = ends.into_iter().map(|(end, (count, seed))| (end, count, seed)).collect();
     Made { bank, lost: lost.into_iter().collect(), ends }
 }
 

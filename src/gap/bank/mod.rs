@@ -10,6 +10,7 @@ pub mod library;
 pub mod make_bank;
 pub mod missions;
 pub(crate) mod not_flown;
+pub mod parts;
 pub mod workshop;
 
 use serde::{Deserialize, Serialize};

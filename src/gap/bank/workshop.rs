@@ -9,7 +9,7 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use crate::attribute::{AttributeError, Attributor, Learned, Settings};
 use crate::bank::bank_file::{self, BankFileError};
 use crate::bank::kept_file::{self, Kind};
-use crate::bank::make_bank::{self, BankSize, Recipe};
+use crate::bank::make_bank::{self, BankSize, End, Recipe};
 use crate::bank::not_flown;
 use crate::bank::{Bank, LEAST_NULLS};
 use crate::flight::statistics::specs;
@@ -47,6 +47,20 @@ pub enum WorkshopError {
         of: usize,
         /// What became of the others, and what of the vehicle is the reason.
         why: String,
+    },
+    /// Not all parts of the bank were flown.
+    #[error(
+        "{}: of {of} parts the {what} of parts {missing} are not there; `--part I/{of}` flies them", folder.display()
+    )]
+    Parts {
+        /// Where they were looked for.
+        folder: PathBuf,
+        /// Which flights.
+        what: &'static str,
+        /// Number of parts.
+        of: usize,
+        /// Those that are not there.
+        missing: String,
     },
     /// Nothing can be learned from the bank.
     #[error(transparent)]
@@ -109,11 +123,7 @@ impl Workshop {
             let recipe =
                 Recipe { scene: &scene, items: &items, library: &library, size, seed: BANK_SEED };
             let made = make_bank::make(&recipe, progress);
-            let flown = made.bank.jitter.len();
-            if flown < LEAST_NULLS {
-                let why = not_flown::why(&recipe, &made.ends);
-                return Err(WorkshopError::NotFlown { flown, of: size.jitter, why });
-            }
+            enough(&recipe, made.bank.jitter.len(), || made.ends.clone())?;
             let hash = bank_file::write(&path, &made.bank)?;
             (made.bank, hash, made.lost)
         };
@@ -163,13 +173,26 @@ impl Workshop {
     }
 }
 
+/// Refuses a mission of which too few healthy flights came to their end, and says why.
+pub(super) fn enough(
+    recipe: &Recipe<'_>,
+    flown: usize,
+    ends: impl FnOnce() -> Vec<(End, usize, u64)>,
+) -> Result<(), WorkshopError> {
+    if flown >= LEAST_NULLS {
+        return Ok(());
+    }
+    let why = not_flown::why(recipe, &ends());
+    Err(WorkshopError::NotFlown { flown, of: recipe.size.jitter, why })
+}
+
 fn readable(learned: &Learned) -> bool {
     let text = serde_json::to_string(learned);
     text.and_then(|text| serde_json::from_str::<Learned>(&text)).is_ok()
 }
 
 /// Name of a bank: hash of everything that its flights depend on.
-fn key(
+pub(super) fn key(
     scene: &Scene,
     items: &[MISSION_ITEM_INT_DATA],
     library: &[&'static EffectSpec],

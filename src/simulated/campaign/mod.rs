@@ -41,7 +41,7 @@ pub struct Run {
     #[arg(long, value_name = "DIR", default_value = "campaign")]
     pub out: PathBuf,
     /// Fly only share I of N, for instance one of the machines of a job array.
-    #[arg(long, value_name = "I/N", default_value = "1/1", value_parser = shard)]
+    #[arg(long, visible_alias = "part", value_name = "I/N", default_value = "1/1", value_parser = shard)]
     pub shard: Shard,
     /// Flights at a time; 0: as many as there are cores.
     #[arg(long, value_name = "N", default_value_t = 0)]

@@ -56,6 +56,8 @@ pub(crate) struct Response {
     seen_var: f64,
     /// For how long there has been something to compare, s.
     compared_s: f64,
+    /// What all that comes to: asked for far more often than an attitude comes.
+    lag_s: Option<f64>,
 }
 
 impl Default for Response {
@@ -70,6 +72,7 @@ impl Default for Response {
             asked_var: [0.0; LAGS],
             seen_var: 0.0,
             compared_s: 0.0,
+            lag_s: None,
         }
     }
 }
@@ -125,16 +128,25 @@ impl Response {
             *asked_var += (square(u) - *asked_var) * weight;
         }
         self.seen_var += (square(y) - self.seen_var) * weight;
+        self.lag_s = self.told_s();
     }
 
     fn begin_anew(&mut self) {
         self.compared_s = 0.0;
         (self.cross, self.asked_var, self.seen_var) = ([0.0; LAGS], [0.0; LAGS], 0.0);
+        self.lag_s = None;
     }
 
     /// The lag, s, where it can be told.
     pub fn lag_s(&self) -> Option<f64> {
+        self.lag_s
+    }
+
+    fn told_s(&self) -> Option<f64> {
         let moves = self.asked_var[0].sqrt() > LEAST_STD_RAD && self.compared_s > FILTER_S;
+        if !moves {
+            return None;
+        }
         let explains: [f64; LAGS] = std::array::from_fn(|k| {
             let cross = self.cross[k].max(0.0);
             cross * cross / self.asked_var[k].max(f64::MIN_POSITIVE)
@@ -146,7 +158,7 @@ impl Response {
         let explained = differs < (1.0 - EXPLAINED) * self.seen_var;
         let alike_above = most - TOLD_APART * self.seen_var;
         let told_apart = explains.iter().filter(|e| **e > alike_above).count() <= MOST_ALIKE;
-        (moves && explained && told_apart).then(|| f64::from(lag) * STEP_US as f64 * 1e-6)
+        (explained && told_apart).then(|| f64::from(lag) * STEP_US as f64 * 1e-6)
     }
 }
 
