@@ -9,6 +9,7 @@ use clap::{Args, ValueEnum};
 
 use super::output::print;
 use crate::live::usb::serial_devices;
+use crate::preflight::crazyflie;
 use crate::preflight::first::{self, Answers};
 use crate::preflight::probe;
 use crate::preflight::stations::{self, Client};
@@ -46,7 +47,8 @@ pub(super) struct Init {
     /// What the tag speaks.
     #[arg(long, value_enum, default_value = "lps-sniffer")]
     tag_protocol: Protocol,
-    /// Where the board is: serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:HOST:PORT, tcpout:HOST:PORT.
+    /// Where the board is: serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:HOST:PORT, tcpout:HOST:PORT; a Crazyflie:
+    /// radio:0/80/2M/E7E7E7E7E7, crtpusb:auto, crtpudp:HOST:PORT.
     #[arg(long, value_name = "ADDR")]
     board: Option<Address>,
     /// Where a ground station is; may be given several times.
@@ -92,17 +94,21 @@ impl Init {
         if !self.force {
             first::none_there(&self.dir).map_err(|why| anyhow!(why))?;
         }
-        let told = if asks { None } else { Some(self.anchors(false)?) };
+        let told = if asks || self.asks_the_board() { None } else { Some(self.anchors(false)?) };
         let usual = Answers::default();
+        let is_named = self.board.as_ref().is_some_and(Address::is_crazyflie);
+        let tag = if is_named { usual.tag } else { self.tag(asks)? };
+        let board = self.board(asks)?;
+        let of_board = told.or_else(|| self.anchors_of(&board));
         let mut answers = Answers {
-            tag: self.tag(asks)?,
+            tag,
             tag_protocol: match self.tag_protocol {
                 Protocol::LpsSniffer => TagProtocol::LpsSniffer,
                 Protocol::Mavlink => TagProtocol::Mavlink,
             },
-            board: self.board(asks)?,
+            board,
             ground: self.ground(asks, &usual.ground)?,
-            anchors: told.map_or_else(|| self.anchors(true), Ok)?,
+            anchors: of_board.map_or_else(|| self.anchors(asks), Ok)?,
             ..usual
         };
         if self.dir == Path::new(SERVICE_CONFIGURATION) {
@@ -123,6 +129,33 @@ impl Init {
         let [config, _] = &files;
         say(&format!("next: haltere check --live --config {}", config.display()));
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// Whether a Crazyflie may tell where its anchors are, and nobody else does.
+    fn asks_the_board(&self) -> bool {
+        let is_one = match &self.board {
+            Some(told) => told.is_crazyflie(),
+            None => !self.no_probe && crazyflie::may_be_there(),
+        };
+        is_one && self.anchors.is_none() && self.anchor.is_empty()
+    }
+
+    /// The anchors as a Crazyflie has them.
+    fn anchors_of(&self, board: &Address) -> Option<String> {
+        if self.anchors.is_some() || !self.anchor.is_empty() || !board.is_crazyflie() {
+            return None;
+        }
+        let met = crazyflie::meet(board).ok().flatten()?;
+        if met.anchors.is_empty() {
+            say(
+                "anchors: the Crazyflie knows of none: switch them on, in TDoA2, each with its position (cfclient, Loco \
+                 Positioning tab), with the deck on the vehicle",
+            );
+            return None;
+        }
+        say(&format!("anchors: {} say where they are", met.anchors.len()));
+        let lines = met.anchors.iter().map(|(id, [x, y, z])| format!("{id} {x} {y} {z}\n"));
+        first::anchor_file(&lines.collect::<String>(), "enu").ok()
     }
 
     fn tag(&self, asks: bool) -> anyhow::Result<TagPort> {
@@ -301,6 +334,15 @@ impl Init {
 
 /// Says whether a board is heard at an address that somebody named.
 fn heard(address: &Address) {
+    if address.is_crazyflie() {
+        return match crazyflie::meet(address) {
+            Ok(Some(met)) => say(&format!("board: {met}, at {address}")),
+            Ok(None) => {
+                say(&format!("board: no Crazyflie answers at {address}; it is written as told"))
+            }
+            Err(why) => say(&format!("board: {why}; it is written as told")),
+        };
+    }
     match probe::at(address) {
         Ok(Some(board)) => say(&format!("board: {board}, heard at {address}")),
         Ok(None) => say(&format!("board: nobody heard at {address}; it is written as told")),
@@ -332,6 +374,9 @@ fn chosen(clients: &[Client], asks: bool) -> anyhow::Result<Vec<EndpointConfig>>
 }
 
 fn look_for_board() -> Option<Address> {
+    if let Some(address) = crazyflie::look(say) {
+        return Some(address);
+    }
     for device in probe::candidates() {
         let name = device.display().to_string();
         let found = probe::speed_of(&device, |baud| {

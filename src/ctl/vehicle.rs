@@ -27,7 +27,7 @@ pub struct Vehicle {
     /// Pack voltage, V.
     pub supply_v: Option<f64>,
     /// What the board told the first eight motors and servos, µs; 0: not in use.
-    pub outputs_us: Option<[u16; 8]>,
+    pub outputs: Option<[u16; 8]>,
     /// Mission item in force.
     pub current: Option<u16>,
     /// Items of that mission; 0: there is none.
@@ -65,7 +65,7 @@ impl Vehicle {
                 self.supply_v = Some(f64::from(status.voltage_battery) * 1e-3);
             }
             MavMessage::SERVO_OUTPUT_RAW(m) if m.port == 0 => {
-                self.outputs_us = Some([
+                self.outputs = Some([
                     m.servo1_raw,
                     m.servo2_raw,
                     m.servo3_raw,
@@ -141,7 +141,8 @@ impl Vehicle {
             "position_NED_m": self.position_m,
             "velocity_NED_mps": self.velocity_mps,
             "battery_v": self.supply_v,
-            "outputs_us": self.outputs_us,
+            "outputs_us": self.outputs.filter(are_pulses),
+            "outputs_of_65535": self.outputs.filter(|told| !are_pulses(told)),
             "mission_item": self.current,
             "links": links,
             "drops": drops,
@@ -161,7 +162,7 @@ impl Vehicle {
             format!("state:    {}", landed_name(self.landed)),
             format!("position: {}", known(point)),
             format!("battery:  {}", known(self.supply_v.map(|v| format!("{v:.2} V")))),
-            format!("outputs:  {}", known(self.outputs_us.map(outputs))),
+            format!("outputs:  {}", known(self.outputs.map(outputs))),
             format!("mission:  {}", known(self.current.map(|n| item_of(n, self.items)))),
         ];
         for (number, link) in &self.links {
@@ -186,7 +187,9 @@ impl Vehicle {
     }
 }
 
-/// Those that are in use, in their order.
+/// Longest and shortest pulse of any servo, us.
+const PULSE_US: std::ops::RangeInclusive<u16> = 400..=2600;
+
 /// The item in force, counted from 1.
 fn item_of(current: u16, items: u16) -> String {
     match items {
@@ -195,10 +198,17 @@ fn item_of(current: u16, items: u16) -> String {
     }
 }
 
-fn outputs(told_us: [u16; 8]) -> String {
-    let used = told_us.iter().rposition(|told| *told != 0).map_or(0, |last| last + 1);
-    let shown: Vec<String> = told_us.iter().take(used).map(u16::to_string).collect();
-    format!("{} us", shown.join(", "))
+/// Those that are in use, in their order.
+fn outputs(told: [u16; 8]) -> String {
+    let used = told.iter().rposition(|told| *told != 0).map_or(0, |last| last + 1);
+    let shown: Vec<String> = told.iter().take(used).map(u16::to_string).collect();
+    let unit = if are_pulses(&told) { "us" } else { "of 65535" };
+    format!("{} {unit}", shown.join(", "))
+}
+
+/// Pulses of servos, as the message has them; a Crazyflie tells its motors' share of 65535 in their place.
+fn are_pulses(told: &[u16; 8]) -> bool {
+    told.iter().all(|told| *told == 0 || PULSE_US.contains(told))
 }
 
 /// What the numbers of links in counts of losses stand for.
@@ -233,7 +243,7 @@ mod tests {
             custom_mode: 4 << 16 | 3 << 24,
             position_m: Some([1.0, 2.0, -1.5]),
             landed: LandedState::MAV_LANDED_STATE_IN_AIR,
-            outputs_us: Some([1500, 1640, 1490, 1640, 0, 0, 0, 0]),
+            outputs: Some([1500, 1640, 1490, 1640, 0, 0, 0, 0]),
             ..Vehicle::default()
         };
         told.drops.insert((1, "bad_checksum".into()), 3);
@@ -243,6 +253,7 @@ mod tests {
         assert_eq!(json["state"], "in the air");
         assert_eq!(json["outputs_us"][1], 1640);
         assert!(told.lines().contains(&"outputs:  1500, 1640, 1490, 1640 us".to_owned()));
+        assert_eq!(outputs([0, 24_000, 0, 25_100, 0, 0, 0, 0]), "0, 24000, 0, 25100 of 65535");
         assert_eq!(json["position_NED_m"], json!([1.0, 2.0, -1.5]));
         assert_eq!(json["links"][0]["sent"], 7);
         assert_eq!(json["links"][0]["own"], true);

@@ -5,10 +5,11 @@ use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame};
 use haltere_core::checks::Problems;
 use haltere_core::frames::Vec3;
 use haltere_core::survey::Survey;
+use haltere_model::board::Firmware;
 use haltere_model::room::Room;
 use haltere_model::{PlantConfig, Vehicle};
-use haltere_pilot::PilotConfig;
 use haltere_pilot::mission_file::LOCAL_SCALE;
+use haltere_pilot::{BoardProfile, PilotConfig};
 
 /// A room with anchors in its corners, a vehicle on its floor, and a companion configured for both.
 #[derive(Debug, Clone)]
@@ -112,6 +113,29 @@ impl Scene {
         plant.vehicle = self.vehicle.clone();
         plant.room = self.room.clone();
         plant.start_E_m = Vec3::new(self.start_NE_m[0], self.start_NE_m[1], 0.0);
+        if self.pilot.board_profile == BoardProfile::Crazyflie {
+            // It speaks what the companion was told to hear: with another board nobody takes off.
+            plant.board.firmware = Firmware::Crazyflie;
+        }
         plant
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bank::fly::fly_observed;
+    use crate::bank::missions;
+    use haltere_pilot::TagProtocol;
+
+    /// Nobody took off, and a log of such a flight was refused.
+    #[test]
+    fn regress_the_nominal_board_is_a_crazyflie_where_the_flights_was() {
+        let mut scene = Scene::lab().unwrap();
+        (scene.pilot.board_profile, scene.pilot.tag_protocol) =
+            (BoardProfile::Crazyflie, TagProtocol::Crazyflie);
+        let plain = missions::plain(&scene);
+        let flown = fly_observed(&scene, &plain, scene.plant(5), scene.pilot.clone()).unwrap();
+        assert_eq!((flown.landed, flown.crashed), (Some(true), Some(false)));
     }
 }

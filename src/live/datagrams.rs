@@ -4,19 +4,20 @@
 use std::io::ErrorKind;
 use std::net::{SocketAddr, ToSocketAddrs as _, UdpSocket};
 use std::os::fd::AsFd as _;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::clock;
 use super::inbox::Inbox;
 use super::mailbox::{Mailbox, Outgoing};
+use super::names::Names;
+use super::packets;
 use super::udp::{
     DATAGRAM_BYTES, RETRY, SEND_PATIENCE, any_for, is_for_many, no_address, tell_stranger,
 };
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
-use haltere_dialect::crtp::packet::MAX_PACKET;
 use haltere_pilot::settings::HostPort;
 
 /// A peer that was silent for so long is forgotten, s.
@@ -63,7 +64,7 @@ enum Far {
     /// One place, which may stand for many.
     Fixed { peer: SocketAddr, many: bool, told: bool },
     /// A Crazyflie.
-    Packets(SocketAddr),
+    Packets(SocketAddr, Names),
 }
 
 /// Serves a bound socket until the output or the companion ends; answers whom the core means, of those it heard
@@ -83,7 +84,7 @@ pub(super) fn send_to(to: &HostPort, inbox: &Inbox, output: Mailbox) {
 
 /// The same to a Crazyflie: a datagram is a packet, of which the core has the length before it.
 pub(super) fn send_packets_to(to: &HostPort, inbox: &Inbox, output: Mailbox) {
-    open_and_talk(to, inbox, output, Far::Packets);
+    open_and_talk(to, inbox, output, |peer| Far::Packets(peer, Names::usual()));
 }
 
 fn open_and_talk(
@@ -104,14 +105,8 @@ fn open_and_talk(
             }
             Err(_) => {}
         }
-        // What is due now is of no use later.
-        let resume = Instant::now() + RETRY;
-        while !inbox.stopped() && Instant::now() < resume {
-            match output.try_take() {
-                Ok(Some(_)) => inbox.lost(DropReason::LinkWriteFailed),
-                Ok(None) => std::thread::sleep(Duration::from_millis(10)),
-                Err(_) => return,
-            }
+        if !output.lose(inbox, Instant::now() + RETRY) {
+            return;
         }
     }
 }
@@ -166,18 +161,11 @@ impl Far {
             // What stands for many is left as soon as the core knows whom it means.
             Self::Fixed { peer, many: true, .. } => to_one(to.unwrap_or(*peer)),
             Self::Fixed { peer, many: false, .. } => to_one(*peer),
-            Self::Packets(peer) => {
-                let mut rest = &bytes[..];
-                while let Some((packet, later)) = rest
-                    .split_first()
-                    .and_then(|(len, rest)| rest.split_at_checked(usize::from(*len)))
-                {
-                    if !send(socket, packet, *peer) {
-                        inbox.lost(DropReason::LinkWriteFailed);
-                    }
-                    rest = later;
+            Self::Packets(peer, names) => packets::out(inbox, names, &bytes, |packet| {
+                if !send(socket, packet, *peer) {
+                    inbox.lost(DropReason::LinkWriteFailed);
                 }
-            }
+            }),
         }
     }
 
@@ -198,15 +186,8 @@ impl Far {
                 }
                 welcome
             }
-            Self::Packets(peer) => {
-                let mut packet = [0; 1 + MAX_PACKET];
-                let place = packet.get_mut(1..=bytes.len());
-                if let (true, Some(place)) = (from == *peer && !bytes.is_empty(), place) {
-                    place.copy_from_slice(bytes);
-                    packet[0] = bytes.len() as u8;
-                    // Without the address: nobody else can be the board here.
-                    inbox.bytes(at, packet.get(..=bytes.len()).unwrap_or_default());
-                } else {
+            Self::Packets(peer, names) => {
+                if from != *peer || !packets::hand_in(inbox, names, at, bytes) {
                     inbox.lost(DropReason::MavWrongPeer);
                 }
                 return;
@@ -234,6 +215,8 @@ fn send(socket: &UdpSocket, bytes: &[u8], to: SocketAddr) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     #[test]

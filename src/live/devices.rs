@@ -9,7 +9,7 @@ use tokio::net::TcpListener;
 
 use super::inbox::{Inbox, Shared};
 use super::mailbox::Mailbox;
-use super::{Port, datagrams, realtime, serial, tcp};
+use super::{Port, cable, datagrams, radio, realtime, serial, tcp};
 
 /// How often it is looked whether to end.
 const LOOK: Duration = Duration::from_millis(100);
@@ -50,6 +50,14 @@ pub(super) fn spawn(
         Port::CrtpUdp(to) => thread.spawn(move || {
             hurry(urgency);
             datagrams::send_packets_to(&to, &inbox, output);
+        }),
+        Port::Radio(place) => thread.spawn(move || {
+            hurry(urgency);
+            radio::serve(&place, &inbox, output);
+        }),
+        Port::CrtpUsb => thread.spawn(move || {
+            hurry(urgency);
+            cable::serve(&inbox, output);
         }),
         Port::UdpOut(to) => thread.spawn(move || {
             hurry(urgency);

@@ -36,7 +36,7 @@ pub(super) const OUTPUT_QUEUE_CHUNKS: usize = 64;
 const FULL_CHUNKS: usize = OUTPUT_QUEUE_CHUNKS / 4;
 
 /// Reasons that occur outside of the core.
-const REASONS: [DropReason; 14] = [
+const REASONS: [DropReason; 15] = [
     DropReason::InputQueueFull,
     DropReason::OutputQueueFull,
     DropReason::LinkWriteFailed,
@@ -44,6 +44,7 @@ const REASONS: [DropReason; 14] = [
     DropReason::StationsFull,
     DropReason::MavGarbageByte,
     DropReason::MavBadChecksum,
+    DropReason::MavUndecodable,
     DropReason::MavIncompatible,
     DropReason::MavUnsigned,
     DropReason::MavBadSignature,

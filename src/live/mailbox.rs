@@ -7,15 +7,16 @@ use std::net::SocketAddr;
 use std::os::fd::{BorrowedFd, OwnedFd};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crossbeam_queue::ArrayQueue;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::pipe::{PipeFlags, pipe_with};
 use tokio::net::unix::pipe;
 
-use super::inbox::Waits;
+use super::inbox::{Inbox, Waits};
 use super::pool::Chunk;
+use haltere_core::drops::DropReason;
 use haltere_pilot::LinkId;
 
 /// Bytes for a link.
@@ -160,19 +161,35 @@ impl Mailbox {
         other
     }
 
+    /// What is due until then is of no use later. `false`: nothing comes any more, or the companion ends.
+    pub(super) fn lose(&mut self, inbox: &Inbox, until: Instant) -> bool {
+        while !inbox.stopped() && Instant::now() < until {
+            match self.try_take() {
+                Ok(Some(_)) => inbox.lost(DropReason::LinkWriteFailed),
+                Ok(None) => {
+                    self.wait_for(PATIENCE.min(until.saturating_duration_since(Instant::now())))
+                }
+                Err(_) => return false,
+            }
+        }
+        !inbox.stopped()
+    }
+
+    /// Waits until a piece was put in, at most so long.
+    pub(super) fn wait_for(&mut self, patience: Duration) {
+        let Ear::Own(bell) = &self.ear else { return std::thread::sleep(patience) };
+        let patience = Timespec::try_from(patience).unwrap_or_default();
+        let _ = poll(&mut [PollFd::new(bell, PollFlags::IN)], Some(&patience));
+        let _ = rustix::io::read(bell, &mut [0; MOST_RINGS]);
+    }
+
     /// The next piece, for a thread that waits for nothing else; `None`: the last slot is gone.
     pub(super) fn wait(&mut self) -> Option<Outgoing> {
         loop {
             if let Some(piece) = self.try_take().ok()? {
                 return Some(piece);
             }
-            let Ear::Own(fd) = &self.ear else {
-                std::thread::sleep(LOOK);
-                continue;
-            };
-            let patience = Timespec::try_from(PATIENCE).unwrap_or_default();
-            let _ = poll(&mut [PollFd::new(fd, PollFlags::IN)], Some(&patience));
-            let _ = rustix::io::read(fd, &mut [0; MOST_RINGS]);
+            self.wait_for(if matches!(self.ear, Ear::Own(_)) { PATIENCE } else { LOOK });
         }
     }
 }

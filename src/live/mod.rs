@@ -8,6 +8,7 @@
 //! ```
 
 mod by_hand;
+pub mod cable;
 pub mod clock;
 pub mod console;
 mod core;
@@ -18,8 +19,11 @@ mod files;
 mod frames;
 mod inbox;
 mod mailbox;
+mod names;
 mod notify;
+mod packets;
 mod pool;
+pub mod radio;
 pub mod realtime;
 mod rotation;
 mod seats;
@@ -32,6 +36,7 @@ mod tcp;
 mod tests;
 mod udp;
 pub mod usb;
+mod usb_device;
 
 pub use by_hand::ByHand;
 pub use stop::Stop;
@@ -59,7 +64,7 @@ use crate::store::{NoPrograms, OwnLogs, Programs, Store};
 use crate::watch::{Feed, Watch, WatchError};
 use haltere_core::topics::Topic;
 use haltere_log::record::{BuildIdentity, Limits, RecordError, Recorder, RecorderSummary, Session};
-use haltere_pilot::settings::{Address, Config, HostPort, TagPort};
+use haltere_pilot::settings::{Address, Config, HostPort, RadioPlace, TagPort};
 use haltere_pilot::{LinkId, Look, Pilot, Quantity, TagProtocol};
 
 /// Largest piece that goes out: a MAVLink frame with a signature, and some.
@@ -150,6 +155,10 @@ enum Port {
     UdpOut(HostPort),
     /// A Crazyflie there, a packet a datagram.
     CrtpUdp(HostPort),
+    /// By a Crazyradio.
+    Radio(RadioPlace),
+    /// By its cable.
+    CrtpUsb,
     TcpIn(TcpListener),
     TcpOut(HostPort),
     /// No link: the tag is a deck of the board.
@@ -410,6 +419,8 @@ async fn open_port(key: String, address: &Address) -> Result<Port, LiveError> {
         Address::UdpOut(to) => Port::UdpOut(to.clone()),
         Address::TcpOut(to) => Port::TcpOut(to.clone()),
         Address::CrtpUdp(to) => Port::CrtpUdp(to.clone()),
+        Address::Radio(place) => Port::Radio(*place),
+        Address::CrtpUsb => Port::CrtpUsb,
         Address::Serial { device, baud } => {
             Port::Serial(serial::Device::Path(device.clone()), *baud)
         }
@@ -438,7 +449,7 @@ fn start_link(
         Port::UdpOut(to) => links.spawn(udp::send_to(to, inbox, output)),
         Port::TcpOut(to) => links.spawn(tcp::connect(to, inbox, output)),
         // Of the board alone.
-        Port::CrtpUdp(_) | Port::Nothing => return Ok(Vec::new()),
+        Port::CrtpUdp(_) | Port::Radio(_) | Port::CrtpUsb | Port::Nothing => return Ok(Vec::new()),
     };
     Ok(Vec::new())
 }

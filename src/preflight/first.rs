@@ -103,7 +103,7 @@ fn configuration(answers: &Answers) -> String {
         ("watch", "address", quoted(answers.watch.to_string())),
     ];
     // Its deck is the tag, and its address says what it is.
-    set.extend(if matches!(answers.board, Address::CrtpUdp(_)) {
+    set.extend(if answers.board.is_crazyflie() {
         vec![
             ("tag", "protocol", plain(&TagProtocol::Crazyflie)),
             ("board", "profile", plain(&BoardProfile::Crazyflie)),

@@ -1,6 +1,7 @@
 //! Before a flight: what of configuration, survey, ports, system and disk would spoil it, and the way
 //! out. Nothing is moved; with live measurement the board is spoken to, and never armed.
 
+pub mod crazyflie;
 pub mod disk;
 pub mod first;
 pub mod key;

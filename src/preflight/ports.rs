@@ -5,9 +5,11 @@ use std::net::{TcpListener, ToSocketAddrs as _, UdpSocket};
 use std::path::Path;
 
 use super::Finding;
+use crate::live::cable;
+use crate::live::radio::{self, Crazyradio};
 use crate::live::usb::{UsbSerial, serial_devices};
 use haltere_pilot::TagProtocol;
-use haltere_pilot::settings::{Address, Config, HostPort, TagPort};
+use haltere_pilot::settings::{Address, Config, HostPort, RadioPlace, TagPort};
 
 /// All links.
 pub fn examine(config: &Config) -> Vec<Finding> {
@@ -125,10 +127,30 @@ fn address(key: &str, address: &Address, usb: &[UsbSerial]) -> Vec<Finding> {
             Ok(_) => Finding::ok(key, format!("{address}: free")),
             Err(error) => taken(error),
         },
+        Address::Radio(place) => dongle(key, address, place),
+        Address::CrtpUsb => match cable::find() {
+            Ok(_) => Finding::ok(key, format!("{address}: plugged in")),
+            Err(why) => Finding::problem(key, why, "the cable, or another board.address"),
+        },
         Address::UdpOut(to) | Address::TcpOut(to) | Address::CrtpUdp(to) => {
             resolves(key, address, to)
         }
     }]
+}
+
+/// Whether the Crazyradio that is meant is there, new enough and ours to use.
+fn dongle(key: &str, address: &Address, place: &RadioPlace) -> Finding {
+    let found = radio::find().and_then(|all| {
+        let count = all.len();
+        let dongle = all.get(usize::from(place.dongle)).copied();
+        let dongle = dongle.ok_or_else(|| format!("{count} Crazyradios are on USB, from 0"))?;
+        dongle.refusal().map_or(Ok(()), Err)?;
+        Crazyradio::open(place).map(|_| dongle)
+    });
+    match found {
+        Ok(dongle) => Finding::ok(key, format!("{address}: {dongle}")),
+        Err(why) => Finding::problem(key, format!("{address}: {why}"), "docs/CRAZYFLIE.md, Set-up"),
+    }
 }
 
 fn resolves(key: &str, address: &Address, to: &HostPort) -> Finding {

@@ -85,7 +85,9 @@ pub fn at(address: &Address) -> Result<Option<HeardBoard>, String> {
             let mut other = stream.try_clone().map_err(|e| failed(&e))?;
             Ok(hear(|buffer| stream.read(buffer), |bytes| other.write_all(bytes)))
         }
-        Address::CrtpUdp(_) => Err(failed(&"a Crazyflie is looked for by `haltere check --live`")),
+        Address::CrtpUdp(_) | Address::Radio(_) | Address::CrtpUsb => {
+            Err(failed(&"a Crazyflie is looked for by `haltere check --live`"))
+        }
         Address::TcpIn(_) => Err(failed(&"a board that connects to us cannot be looked for")),
     }
 }

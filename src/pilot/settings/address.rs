@@ -8,12 +8,15 @@ use haltere_core::keys::NoNumber;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::radio::RadioPlace;
+
 /// Slowest and fastest line that makes sense, baud. 12 Mbaud is the limit of USB full speed.
 const BAUD_RANGE: std::ops::RangeInclusive<u32> = 9_600..=12_000_000;
 
 /// What every message about an address ends with.
 const FORMS: &str = "udpin:HOST:PORT, udpout:HOST:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT or \
-                     serial:DEVICE:BAUD; for a Crazyflie crtpudp:HOST:PORT";
+                     serial:DEVICE:BAUD; for a Crazyflie radio:DONGLE/CHANNEL/RATE/ADDRESS, crtpusb:auto or \
+                     crtpudp:HOST:PORT";
 
 /// Where a link leads.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -29,6 +32,10 @@ pub enum Address {
     TcpOut(HostPort),
     /// A Crazyflie there, one packet of CRTP a datagram.
     CrtpUdp(HostPort),
+    /// A Crazyflie by a Crazyradio.
+    Radio(RadioPlace),
+    /// The Crazyflie that is plugged in.
+    CrtpUsb,
     /// A serial device.
     Serial {
         /// Path of the device.
@@ -66,12 +73,12 @@ pub enum AddressError {
         /// What stands in the place of the port.
         port: String,
     },
-    /// A way to a Crazyflie for which there is no driver.
-    #[error(
-        "{0:?}: a driver for {1} is not built yet: reach the Crazyflie by crtpudp:HOST:PORT, through a program that \
-         passes its packets on"
-    )]
-    NotBuilt(String, &'static str),
+    /// Not a place on the air.
+    #[error("{0:?}: {1}; as in radio:0/80/2M/E7E7E7E7E7")]
+    Radio(String, &'static str),
+    /// Not the word.
+    #[error("{0:?}: allowed crtpusb:auto, the Crazyflie that is plugged in")]
+    CrtpUsb(String),
     /// Not a speed.
     #[error("{address:?}: speed {baud:?}, allowed {} to {} baud", BAUD_RANGE.start(), BAUD_RANGE.end())]
     Baud {
@@ -83,6 +90,11 @@ pub enum AddressError {
 }
 
 impl Address {
+    /// Whether packets of a Crazyflie come from there.
+    pub fn is_crazyflie(&self) -> bool {
+        matches!(self, Address::CrtpUdp(_) | Address::Radio(_) | Address::CrtpUsb)
+    }
+
     /// The thing that two links cannot share.
     pub fn resource(&self) -> String {
         match self {
@@ -91,6 +103,8 @@ impl Address {
             Address::UdpOut(to) => format!("UDP to {to}"),
             Address::TcpOut(to) => format!("TCP to {to}"),
             Address::CrtpUdp(to) => format!("the Crazyflie at {to}"),
+            Address::Radio(place) => format!("Crazyradio {}", place.dongle),
+            Address::CrtpUsb => "the Crazyflie on USB".to_owned(),
             Address::Serial { device, .. } => device.display().to_string(),
         }
     }
@@ -107,7 +121,9 @@ impl Address {
             Address::UdpOut(to) => format!("udpin:{to}"),
             Address::TcpIn(at) => format!("tcp:{}", place(at)),
             Address::TcpOut(to) => format!("tcpin:{to}"),
-            Address::CrtpUdp(_) | Address::Serial { .. } => self.to_string(),
+            Address::CrtpUdp(_) | Address::Radio(_) | Address::CrtpUsb | Address::Serial { .. } => {
+                self.to_string()
+            }
         }
     }
 }
@@ -135,8 +151,11 @@ impl FromStr for Address {
             "tcpin" => network().map(Address::TcpIn),
             "tcpout" => network().map(Address::TcpOut),
             "crtpudp" => network().map(Address::CrtpUdp),
-            "radio" => Err(AddressError::NotBuilt(text.into(), "the Crazyradio")),
-            "crtpusb" => Err(AddressError::NotBuilt(text.into(), "a Crazyflie's USB")),
+            "radio" => RadioPlace::read(rest)
+                .map(Address::Radio)
+                .map_err(|why| AddressError::Radio(text.into(), why)),
+            "crtpusb" if rest == "auto" => Ok(Address::CrtpUsb),
+            "crtpusb" => Err(AddressError::CrtpUsb(text.into())),
             "serial" => {
                 // Names below /dev/serial/by-path hold colons: the last one counts.
                 let (device, baud) =
@@ -178,6 +197,8 @@ impl fmt::Display for Address {
             Address::TcpIn(at) => write!(f, "tcpin:{at}"),
             Address::TcpOut(to) => write!(f, "tcpout:{to}"),
             Address::CrtpUdp(to) => write!(f, "crtpudp:{to}"),
+            Address::Radio(place) => write!(f, "radio:{place}"),
+            Address::CrtpUsb => f.write_str("crtpusb:auto"),
             Address::Serial { device, baud } => write!(f, "serial:{}:{baud}", device.display()),
         }
     }
@@ -219,6 +240,9 @@ mod tests {
             "tcpin:[::]:5760",
             "tcpout:10.0.0.2:5760",
             "crtpudp:127.0.0.1:19850",
+            "radio:0/80/2M/E7E7E7E7E7",
+            "radio:1/125/250K/00000000A5",
+            "crtpusb:auto",
             "serial:/dev/ttyAMA0:921600",
             "serial:/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0:115200",
         ] {
@@ -226,6 +250,9 @@ mod tests {
         }
         let Address::TcpIn(at) = "tcpin:[::]:5760".parse().unwrap() else { panic!() };
         assert_eq!(at, HostPort { host: "::".into(), port: 5760 });
+        // As Bitcraze's clients write it.
+        let theirs: Address = "radio://0/80/2M/e7e7e7e7e7".parse().unwrap();
+        assert_eq!(theirs, Address::Radio(RadioPlace::FACTORY));
     }
 
     #[test]
@@ -242,8 +269,13 @@ mod tests {
         check("udpin::14550", "lacks a host or a port");
         check("udpout:127.0.0.1:0", "port \"0\", allowed 1 to 65535");
         check("tcpin:0.0.0.0:70000", "port \"70000\", allowed 1 to 65535");
-        check("radio:0/80/2M/E7E7E7E7E7", "a driver for the Crazyradio is not built yet");
-        check("crtpusb:auto", "not built yet");
+        check("radio:x/80/2M/E7E7E7E7E7", "the dongle is a number");
+        check("radio:0/126/2M/E7E7E7E7E7", "the channel is 0 to 125");
+        check("radio:0/80/3M/E7E7E7E7E7", "the rate is 250K, 1M or 2M");
+        check("radio:0/80/2M", "the address is 1 to 10");
+        check("radio:0/80/2M/+7E7E7E7E7", "the address is 1 to 10");
+        check("radio:0/80/2M/E7E7E7E7E7/1", "the last part");
+        check("crtpusb:0", "allowed crtpusb:auto");
         check("serial:/dev/ttyUSB0", "lacks a host or a port: allowed");
         check("serial:/dev/ttyUSB0:fast", "speed \"fast\", allowed 9600 to 12000000 baud");
         check("serial:/dev/ttyUSB0:0", "speed \"0\"");

@@ -231,6 +231,8 @@ impl GroundConfig {
                     Address::UdpOut(_)
                     | Address::TcpOut(_)
                     | Address::CrtpUdp(_)
+                    | Address::Radio(_)
+                    | Address::CrtpUsb
                     | Address::Serial { .. } => 1,
                 },
                 line_Bps: endpoint.bytes_per_s.or(match endpoint.address {

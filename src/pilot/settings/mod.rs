@@ -7,6 +7,7 @@ mod differences;
 mod document;
 mod ground;
 mod note;
+mod radio;
 mod read;
 mod sections;
 mod signing;
@@ -20,6 +21,7 @@ pub use differences::Difference;
 pub use document::{DocumentedKey, commented, configuration_page, reference};
 pub use ground::{EndpointConfig, GroundConfig};
 pub use note::Note;
+pub use radio::{MOST_CHANNEL, RadioPlace, RadioRate};
 pub use read::{Read, read_config, read_recorded, surplus};
 pub use sections::{
     AnchorsConfig, BoardConfig, RecordConfig, StoreConfig, TagConfig, TagPort, TimingConfig,
@@ -105,10 +107,10 @@ impl Config {
     /// Profile, address and tag of a Crazyflie belong together.
     fn check_crazyflie(&self, problems: &mut Problems) {
         let is_one = self.board.profile == BoardProfile::Crazyflie;
-        let speaks = matches!(self.board.address, Address::CrtpUdp(_));
+        let speaks = self.board.address.is_crazyflie();
         if is_one != speaks {
             problems.say(format!(
-                "board.address = \"{}\": crtpudp:HOST:PORT goes with board.profile = \"crazyflie\", and with no other",
+                "board.address = \"{}\": radio:, crtpusb: and crtpudp: go with board.profile = \"crazyflie\", which has no others",
                 self.board.address
             ));
         }
@@ -123,9 +125,10 @@ impl Config {
             );
         }
         let ground = self.ground.endpoints.iter().enumerate();
-        for (i, _) in ground.filter(|(_, of)| matches!(of.address, Address::CrtpUdp(_))) {
+        for (i, of) in ground.filter(|(_, of)| of.address.is_crazyflie()) {
             problems.say(format!(
-                "ground.endpoints[{i}]: crtpudp leads to a Crazyflie, not to a station"
+                "ground.endpoints[{i}]: {} leads to a Crazyflie, not to a station",
+                of.address
             ));
         }
     }

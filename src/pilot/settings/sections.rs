@@ -71,7 +71,7 @@ haltere_core::keys! {
     /// `[board]`: the inner-loop board.
     pub struct BoardConfig {
         /// The inner-loop board: serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:HOST:PORT, tcpin:HOST:PORT or
-        /// tcpout:HOST:PORT; a Crazyflie: crtpudp:HOST:PORT.
+        /// tcpout:HOST:PORT; a Crazyflie: radio:0/80/2M/E7E7E7E7E7, crtpusb:auto, crtpudp:HOST:PORT.
         address: Address = Address::Serial { device: "/dev/serial0".into(), baud: 921_600 };
         /// What the board is: "auto" (as its heartbeat says), "px4" (commanded in OFFBOARD), "ardupilot" (in
         /// GUIDED_NOGPS), "generic" (arms on command, obeys SET_ATTITUDE_TARGET while armed; nothing is checked),

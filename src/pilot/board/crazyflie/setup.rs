@@ -170,7 +170,10 @@ impl Setup {
 
     /// What the board has answered.
     pub fn hear(&mut self, message: &FromBoard<'_>) {
-        let Some(question) = self.asked.under_way() else { return };
+        // A link that knows the table tells its names without being asked for each.
+        let is_name = matches!(message, FromBoard::Toc(_, TocAnswer::Item(_)));
+        let unasked = || self.next.filter(|next| is_name && matches!(next, Question::Name(..)));
+        let Some(question) = self.asked.under_way().or_else(unasked) else { return };
         if let Some(next) = self.after(question, message) {
             self.go_on(next);
         }
