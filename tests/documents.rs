@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Where documents are named.
-const FOLDERS: [&str; 11] = [
+const FOLDERS: [&str; 12] = [
     "benches",
     "config",
     "dialect",
@@ -13,6 +13,7 @@ const FOLDERS: [&str; 11] = [
     "examples",
     "fuzz/src",
     "packaging",
+    "python",
     "sim",
     "src",
     "stations",
@@ -214,7 +215,9 @@ fn prop_a_release_has_one_version() {
         |name: &str| std::fs::read_to_string(root().join(name)).expect("a file of the repository");
     let version = text("Cargo.toml");
     let version = after(&version, "version = ");
-    assert_eq!(after(&text("examples/pyproject.toml"), "version = "), version);
+    for package in ["examples", "python"] {
+        assert_eq!(after(&text(&format!("{package}/pyproject.toml")), "version = "), version);
+    }
     assert_eq!(after(&text("CITATION.cff"), "version: "), version);
     assert!(after(&text("CHANGELOG.md"), "## ").starts_with(version), "the newest of CHANGELOG.md");
 }

@@ -1,5 +1,5 @@
-//! Runs `tests/pymavlink`, `tests/stations`, `tests/mavsdk3` and `tests/cflib` with pytest, in virtual environments of their own under
-//! `target/`.
+//! Runs `tests/pymavlink`, `tests/stations`, `tests/mavsdk3`, `tests/cflib` and `tests/haltere_gap` with pytest, in virtual environments of
+//! their own under `target/`.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -109,7 +109,10 @@ fn attempt(folder: &str, what: &str) -> Result<(), String> {
         .current_dir(folder.path())
         .env("HALTERE_TEST_SIM", program())
         // The helper that users have, not installed.
-        .env("PYTHONPATH", root().join("examples"))
+        .env(
+            "PYTHONPATH",
+            std::env::join_paths(["examples", "python"].map(|of| root().join(of))).expect("paths"),
+        )
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .env("MAVLINK20", "1");
     if has_pymavlink(&tests) {
@@ -181,7 +184,7 @@ fn prop_pymavlink_loads_plans() {
 #[test]
 fn prop_no_file_is_forgotten() {
     let here = include_str!("pymavlink.rs");
-    for folder in ["pymavlink", "stations", "cflib"] {
+    for folder in ["pymavlink", "stations", "cflib", "haltere_gap"] {
         for file in std::fs::read_dir(root().join("tests").join(folder)).expect("a folder of tests")
         {
             let name = file.expect("a file").file_name().to_string_lossy().into_owned();
@@ -190,6 +193,11 @@ fn prop_no_file_is_forgotten() {
             }
         }
     }
+}
+
+#[test]
+fn prop_the_diagnosis_is_called_from_python() {
+    pytest("haltere_gap", "test_diagnose.py");
 }
 
 #[test]

@@ -1,16 +1,18 @@
 //! `haltere gap diagnose --import`: flights of other vehicles and programs, judged without a simulator.
 
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 use anyhow::Context as _;
 use clap::ValueEnum;
 
-use crate::cli::output::{print, print_json};
+use crate::report::gap::balance as page;
 use crate::vehicles;
-use haltere_gap::balance::{Hover, diagnose};
+use haltere_gap::balance::{Hover, Report, diagnose};
 use haltere_gap::outcome::Outcome;
-use haltere_log::import::motors::{Columns, Dropped, MotorFlight, read_table, read_usdlog};
+use haltere_log::import::motors::{
+    self, Columns, Dropped, MotorFlight, MotorRow, read_dataflash, read_table, read_ulog,
+    read_usdlog,
+};
 use haltere_model::rotorcraft::Rotorcraft;
 
 /// Longest map of columns that is read, bytes.
@@ -21,41 +23,53 @@ const MOST_BYTES: u64 = 1 << 16;
 pub(super) enum Import {
     /// Logs of a Crazyflie's memory card, packed by gzip or not.
     Usdlog,
+    /// Logs of PX4 (`.ulg`), packed by gzip or not.
+    Ulog,
+    /// Logs of ArduPilot (`.bin`), packed by gzip or not.
+    Dataflash,
     /// Tables of text, whose columns `--columns` maps.
     Csv,
 }
 
 /// How flights are read.
 pub(super) enum Source {
-    Usdlog,
+    Log(fn(&Path) -> Result<MotorFlight, motors::Error>),
     Table(Box<Columns>),
 }
 
 impl Import {
     /// With the map that it needs.
     pub fn source(self, columns: Option<&Path>) -> anyhow::Result<Source> {
-        match (self, columns) {
-            (Import::Usdlog, None) => Ok(Source::Usdlog),
-            (Import::Usdlog, Some(path)) => anyhow::bail!(
-                "--columns {}: a usdlog names its own variables; leave it out",
+        let read = match self {
+            Import::Usdlog => read_usdlog,
+            Import::Ulog => read_ulog,
+            Import::Dataflash => read_dataflash,
+            Import::Csv => return table(columns),
+        };
+        match columns {
+            None => Ok(Source::Log(read)),
+            Some(path) => anyhow::bail!(
+                "--columns {}: a log names its own variables; leave it out",
                 path.display()
             ),
-            (Import::Csv, None) => anyhow::bail!(
-                "--import csv needs --columns FILE.toml, which says which column is what (docs/IMPORT.md)"
-            ),
-            (Import::Csv, Some(path)) => {
-                let name = || path.display().to_string();
-                let text = haltere_log::intake::text(path, MOST_BYTES).with_context(name)?;
-                Ok(Source::Table(Box::new(toml::from_str(&text).with_context(name)?)))
-            }
         }
     }
+}
+
+/// Tables by the map that they need.
+fn table(columns: Option<&Path>) -> anyhow::Result<Source> {
+    let path = columns.context(
+        "--import csv needs --columns FILE.toml, which says which column is what (docs/IMPORT.md)",
+    )?;
+    let name = || path.display().to_string();
+    let text = haltere_log::intake::text(path, MOST_BYTES).with_context(name)?;
+    Ok(Source::Table(Box::new(toml::from_str(&text).with_context(name)?)))
 }
 
 impl Source {
     fn read(&self, path: &Path) -> anyhow::Result<MotorFlight> {
         let flight = match self {
-            Source::Usdlog => read_usdlog(path)?,
+            Source::Log(read) => read(path)?,
             Source::Table(columns) => read_table(path, columns)?,
         };
         let Dropped { unreadable, time_backwards, .. } = flight.dropped;
@@ -69,14 +83,21 @@ impl Source {
     }
 }
 
+/// What was found of a flight.
+pub(super) enum Found {
+    /// Its balance.
+    Balance(Box<Report>),
+    /// Why it has none, by the name of the flight.
+    None(String, Outcome),
+}
+
 /// Judges the first flight by the references, and the explanation by the other flights.
-pub(super) fn run(
+pub(super) fn judge(
     source: &Source,
     flights: &[PathBuf],
     references: &[PathBuf],
     vehicle: &Path,
-    json: bool,
-) -> anyhow::Result<ExitCode> {
+) -> anyhow::Result<Found> {
     let vehicle = vehicles::rotorcraft(vehicle)?;
     let mut judged = Vec::new();
     for path in flights {
@@ -84,11 +105,11 @@ pub(super) fn run(
     }
     let [first, others @ ..] = &judged[..] else { anyhow::bail!("no flight") };
     if let Some(why) = fault(first) {
-        return end(&Outcome::Fault { why }, json);
+        return Ok(Found::None(first.name.clone(), Outcome::Fault { why }));
     }
     let hover = match Hover::of(first, &vehicle) {
         Ok(hover) => hover,
-        Err(why) => return end(&Outcome::NotTestable { why }, json),
+        Err(why) => return Ok(Found::None(first.name.clone(), Outcome::NotTestable { why })),
     };
     let mut accepted = Vec::new();
     for path in references {
@@ -104,14 +125,32 @@ pub(super) fn run(
         held_out.push(sound(flight, path, &vehicle)?);
     }
     let mut report = diagnose(&hover, &held_out, &accepted, &vehicle)?;
-    report
-        .not_checked
-        .push(format!("of the log only {}, height and voltage were read", first.commands));
-    match json {
-        true => print_json(&report)?,
-        false => print(&report.text())?,
+    report.not_checked.push(format!("of the log only {} were read", found(first)));
+    Ok(Found::Balance(Box::new(report)))
+}
+
+impl Found {
+    /// As text, as JSON and as a page.
+    pub fn printed(&self) -> anyhow::Result<[String; 3]> {
+        Ok(match self {
+            Found::Balance(report) => {
+                [report.text(), serde_json::to_string_pretty(report)?, page::render(report)]
+            }
+            Found::None(flight, outcome) => [
+                format!("verdict    {}\n", outcome.sentence(str::to_owned)),
+                serde_json::to_string_pretty(outcome)?,
+                page::without(flight, outcome),
+            ],
+        })
     }
-    Ok(ExitCode::from(report.outcome.exit_code()))
+
+    /// Exit code.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Found::Balance(report) => report.outcome.exit_code(),
+            Found::None(_, outcome) => outcome.exit_code(),
+        }
+    }
 }
 
 /// A flight that others are judged by.
@@ -120,23 +159,27 @@ fn sound(flight: &MotorFlight, path: &Path, vehicle: &Rotorcraft) -> anyhow::Res
     why.map_err(|why| anyhow::anyhow!("{}: cannot be used: {why}", path.display()))
 }
 
+/// What was found in a log.
+fn found(flight: &MotorFlight) -> String {
+    let is_there =
+        |of: fn(&MotorRow) -> Option<f64>| flight.rows.iter().any(|row| of(row).is_some());
+    let beside: [(&str, fn(&MotorRow) -> Option<f64>); 3] = [
+        ("height", |row| row.height_m),
+        ("speed", |row| row.speed_mps),
+        ("voltage", |row| row.supply_v),
+    ];
+    let there = beside.iter().filter(|(_, of)| is_there(*of)).map(|(what, _)| format!(", {what}"));
+    format!("{}{}", flight.commands, there.collect::<String>())
+}
+
 /// Why a log cannot be trusted.
 fn fault(flight: &MotorFlight) -> Option<String> {
     let Dropped { unread_bytes, checksum_differs, .. } = flight.dropped;
     if checksum_differs || unread_bytes > 0 {
         return Some(format!(
-            "the checksum of the file {}, and {unread_bytes} bytes at its end cannot be read: it was cut off or changed",
-            if checksum_differs { "is not that of its bytes" } else { "is right" }
+            "{}{unread_bytes} bytes of the file cannot be read: it was cut off or changed",
+            if checksum_differs { "the checksum is not that of the bytes, and " } else { "" }
         ));
     }
     None
-}
-
-/// An outcome without a balance.
-fn end(outcome: &Outcome, json: bool) -> anyhow::Result<ExitCode> {
-    match json {
-        true => print_json(outcome)?,
-        false => print(&format!("verdict    {}\n", outcome.sentence(str::to_owned)))?,
-    }
-    Ok(ExitCode::from(outcome.exit_code()))
 }

@@ -47,7 +47,7 @@ pub struct Diagnose {
     logs: Vec<PathBuf>,
     /// The flights are of another program: what they are. --vehicle is then the file of a quadrotor, or the name of one.
     #[arg(long, value_name = "KIND", requires_all = ["vehicle", "reference"])]
-    #[arg(conflicts_with_all = ["truth", "report", "held_out_reference", "room"])]
+    #[arg(conflicts_with_all = ["truth", "held_out_reference", "room"])]
     import: Option<Import>,
     /// With `--import csv`: which column of the tables is what (docs/IMPORT.md).
     #[arg(long, value_name = "FILE.toml", requires = "import")]
@@ -93,7 +93,7 @@ where
     }
     let Alone { diagnose } = Alone::try_parse_from(args)?;
     let diagnosis = diagnose.diagnosis()?;
-    diagnose.write(&diagnosis)?;
+    diagnose.write_all(&diagnosis)?;
     Ok(diagnosis)
 }
 
@@ -115,10 +115,15 @@ impl Diagnose {
         if let (Some(import), Some(vehicle)) = (self.import, self.told.vehicle_file()) {
             let source = import.source(self.columns.as_deref())?;
             let references = self.references.files()?;
-            return balance::run(&source, &self.logs, &references, vehicle, self.json);
+            self.look(&references)?;
+            let found = balance::judge(&source, &self.logs, &references, vehicle)?;
+            let [text, json, page] = found.printed()?;
+            self.write(page, json.clone(), &references)?;
+            print(&if self.json { json + "\n" } else { text })?;
+            return Ok(ExitCode::from(found.exit_code()));
         }
         let diagnosis = self.diagnosis()?;
-        self.write(&diagnosis)?;
+        self.write_all(&diagnosis)?;
         if self.json {
             print_json(&diagnosis)?;
         } else {
@@ -128,7 +133,7 @@ impl Diagnose {
     }
 
     fn diagnosis(&self) -> anyhow::Result<Diagnosis> {
-        self.look()?;
+        self.look(&[])?;
         let references = self.references.references();
         let picture = self.report.is_some() || self.json;
         let advice = picture && !self.without_advice;
@@ -170,14 +175,15 @@ impl Diagnose {
         Ok(Some(Truth::File(points, name())))
     }
 
-    /// What is read: nothing is written over it. References are logs, which are safe by themselves.
-    fn inputs(&self) -> Vec<&PathBuf> {
+    /// What is read: nothing is written over it. References that are logs of ours are safe by themselves.
+    fn inputs<'a>(&'a self, references: &'a [PathBuf]) -> Vec<&'a PathBuf> {
         let truth = self.truth.iter().flatten();
-        self.logs.iter().chain(truth).chain(self.told.vehicle_file()).collect()
+        let others = references.iter().chain(truth).chain(&self.columns);
+        self.logs.iter().chain(others).chain(self.told.vehicle_file()).collect()
     }
 
     /// Minutes before it is due: a report that may not be written.
-    fn look(&self) -> anyhow::Result<()> {
+    fn look(&self, references: &[PathBuf]) -> anyhow::Result<()> {
         let Some(path) = &self.report else { return Ok(()) };
         let json = path.with_extension("json");
         if json == *path {
@@ -186,19 +192,24 @@ impl Diagnose {
                 path.display()
             );
         }
-        let inputs = self.inputs();
+        let inputs = self.inputs(references);
         written::look(path, &inputs)?;
         written::look(&json, &inputs)?;
         Ok(())
     }
 
-    fn write(&self, diagnosis: &Diagnosis) -> anyhow::Result<()> {
-        if let Some(path) = &self.report {
-            let inputs = self.inputs();
-            written::write(path, page::render(diagnosis), &inputs)?;
-            let json = serde_json::to_string_pretty(diagnosis)?;
-            written::write(&path.with_extension("json"), json, &inputs)?;
+    fn write_all(&self, diagnosis: &Diagnosis) -> anyhow::Result<()> {
+        if self.report.is_none() {
+            return Ok(());
         }
+        self.write(page::render(diagnosis), serde_json::to_string_pretty(diagnosis)?, &[])
+    }
+
+    fn write(&self, page: String, json: String, references: &[PathBuf]) -> anyhow::Result<()> {
+        let Some(path) = &self.report else { return Ok(()) };
+        let inputs = self.inputs(references);
+        written::write(path, page, &inputs)?;
+        written::write(&path.with_extension("json"), json, &inputs)?;
         Ok(())
     }
 }

@@ -13,6 +13,8 @@ const LEAST_SHARE: f64 = 0.8;
 const LEAST_PIECES: usize = 10;
 /// Pieces lie within this of the usual height, m: above the ground's cushion and out of take-off and landing.
 const BAND_M: f64 = 0.12;
+/// Fastest that counts as hover, m/s: with more the air that comes in changes the thrust of the propellers.
+const MOST_SPEED_MPS: f64 = 1.0;
 /// Without a height: pieces whose thrust lies within this of the usual one, as a share.
 const BAND_SHARE: f64 = 0.05;
 /// A motor that is told less than this share of what it is usually told does not carry.
@@ -34,6 +36,8 @@ pub struct Hover {
     pub hover_s: f64,
     /// Whether pieces were chosen by height.
     pub by_height: bool,
+    /// Whether what flew fast was left out.
+    pub by_speed: bool,
 }
 
 impl Hover {
@@ -48,7 +52,9 @@ impl Hover {
             );
         }
         let step_s = usual_step_s(&flight.rows).ok_or("it has no rows")?;
-        let by_height = flight.rows.iter().all(|row| row.height_m.is_some());
+        let logged =
+            |of: fn(&MotorRow) -> Option<f64>| flight.rows.iter().any(|row| of(row).is_some());
+        let [by_height, by_speed] = [logged(|row| row.height_m), logged(|row| row.speed_mps)];
         let pieces = pieces(flight, vehicle, &to_balance, step_s);
         let within = usual_pieces(&pieces, by_height);
         if within.len() < LEAST_PIECES {
@@ -66,6 +72,7 @@ impl Hover {
             rate_hz: 1.0 / step_s,
             hover_s: within.len() as f64 * PIECE_S,
             by_height,
+            by_speed,
         })
     }
 }
@@ -75,6 +82,7 @@ struct Piece {
     balance: Vector4<f64>,
     /// Mean square of the second differences of roll and pitch.
     shake: f64,
+    /// Not a number where none was logged.
     height_m: f64,
 }
 
@@ -91,7 +99,9 @@ fn pieces(
     let begin_s = rows.first().map_or(0.0, |row| row.t_s);
     let number = |row: &MotorRow| ((row.t_s - begin_s) / PIECE_S).floor();
     let whole = rows.chunk_by(|a, b| number(a) == number(b));
-    let whole = whole.filter(|rows| rows.len() >= due && rows.iter().all(carries));
+    let is_slow = |row: &MotorRow| row.speed_mps.is_none_or(|speed| speed < MOST_SPEED_MPS);
+    let is_hover = |row: &MotorRow| carries(row) && is_slow(row);
+    let whole = whole.filter(|rows| rows.len() >= due && rows.iter().all(is_hover));
     whole
         .map(|rows| {
             let n = rows.len() as f64;
@@ -105,7 +115,7 @@ fn pieces(
             Piece {
                 balance: to_balance * mean.map(f64::ln),
                 shake: bends.sum::<f64>() / (n - 2.0),
-                height_m: rows.iter().filter_map(|row| row.height_m).sum::<f64>() / n,
+                height_m: rows.iter().map(|row| row.height_m.unwrap_or(f64::NAN)).sum::<f64>() / n,
             }
         })
         .collect()

@@ -65,7 +65,7 @@ pub struct Smallest {
 }
 
 /// One axis of the balance.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AxisChange {
     /// Which.
     pub axis: &'static str,
@@ -73,6 +73,10 @@ pub struct AxisChange {
     pub share: f64,
     /// Deviation of the next healthy flight, the same.
     pub sigma: f64,
+    /// What each reference lies from their mean, the same.
+    pub references: Vec<f64>,
+    /// What of the change the most probable cause leaves; without one nothing.
+    pub left: Option<f64>,
 }
 
 /// Flights that the explanation was not found on.
@@ -129,13 +133,17 @@ impl<'a> Judge<'a> {
         let weighed = self.rivals.weigh(&change, &self.healthy);
         let outcome = self.outcome(&weighed, &change);
         let sigma = self.healthy.sigma();
+        let explained = set(&weighed).first().copied().filter(|_| outcome.kind().is_explained());
+        let adds = explained.and_then(|candidate| self.adds(candidate));
+        let apart: Vec<Change> = self.references.iter().map(|r| self.healthy.change(r)).collect();
         let balance = (0..MOTORS).map(|axis| AxisChange {
             axis: AXES[axis],
             share: change.balance[axis],
             sigma: sigma[axis],
+            references: apart.iter().map(|change| change.balance[axis]).collect(),
+            left: adds.map(|adds| change.balance[axis] - adds[axis]),
         });
-        let explained = set(&weighed).first().copied().filter(|_| outcome.kind().is_explained());
-        let held_out = self.held_out(explained, held_out);
+        let held_out = self.held_out(adds, held_out);
         let candidates: Vec<Named> =
             weighed.causes.iter().take(LISTED).map(|c| self.named(c)).collect();
         let mut report = Report {
@@ -218,19 +226,22 @@ impl<'a> Judge<'a> {
         ]
     }
 
-    /// What is left of other flights; without an explanation, all.
-    fn held_out(&self, explanation: Option<&Candidate>, flights: &[Hover]) -> Option<HeldOut> {
+    /// What a cause adds to the balance.
+    fn adds(&self, candidate: &Candidate) -> Option<Vector4<f64>> {
         let to_balance = self.vehicle.to_balance()?;
-        let adds = explanation.map_or(Vector4::zeros(), |candidate| {
-            candidate.cause.adds(&candidate.sizes, self.vehicle, &to_balance)
-        });
+        Some(candidate.cause.adds(&candidate.sizes, self.vehicle, &to_balance))
+    }
+
+    /// What is left of other flights; without an explanation, all.
+    fn held_out(&self, adds: Option<Vector4<f64>>, flights: &[Hover]) -> Option<HeldOut> {
         let changes: Vec<Vector4<f64>> =
             flights.iter().map(|flight| self.healthy.change(flight).balance).collect();
         let mean_square = |less: Vector4<f64>| {
             let squares = changes.iter().map(|change| (change - less).norm_squared());
             squares.sum::<f64>() / changes.len().max(1) as f64
         };
-        let (before, after) = (mean_square(Vector4::zeros()), mean_square(adds));
+        let (before, after) =
+            (mean_square(Vector4::zeros()), mean_square(adds.unwrap_or_default()));
         let names = flights.iter().map(|flight| flight.name.clone()).collect();
         (before > 0.0).then(|| HeldOut {
             flights: names,
@@ -267,6 +278,11 @@ fn not_checked(flight: &Hover, change: &Change) -> Vec<String> {
     if !flight.by_height {
         all.push("height: none was logged, so hover was chosen by thrust".into());
     }
+    if !flight.by_speed {
+        all.push(
+            "speed: none was logged, so what flew slowly at this height counts as hover".into(),
+        );
+    }
     if change.shake.is_none() {
         all.push("shaking: the references were logged at another rate".into());
     }
@@ -277,6 +293,16 @@ impl Report {
     /// The whole in words.
     pub fn text(&self) -> String {
         said::text(self)
+    }
+
+    /// What these references can show, in words.
+    pub fn can_show_words(&self) -> String {
+        said::can_show(&self.can_show)
+    }
+
+    /// A cause with its size, in words.
+    pub fn cause_words(&self, named: &Named) -> String {
+        said::cause(named, self)
     }
 }
 

@@ -31,7 +31,7 @@ pub fn verdict(report: &Report, weighed: &Weighed) -> String {
 }
 
 /// A cause with its size.
-fn cause(named: &Named, report: &Report) -> String {
+pub fn cause(named: &Named, report: &Report) -> String {
     let Some(Cause { kind, motors }) = Cause::find(&named.id) else { return named.id.clone() };
     let each = motors.iter().zip(&named.theta).zip(&named.theta_90);
     let told = each.map(|((motor, size), [low, high])| match kind {
@@ -61,7 +61,7 @@ fn cause(named: &Named, report: &Report) -> String {
 }
 
 /// What can be shown, before what was found.
-fn can_show(all: &[Smallest]) -> String {
+pub fn can_show(all: &[Smallest]) -> String {
     let told = all.iter().map(|Smallest { kind, size }| {
         let from = |text: String| size.map_or("none that flies".to_owned(), |_| text);
         let size = size.unwrap_or(0.0);

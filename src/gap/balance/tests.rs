@@ -24,7 +24,7 @@ fn flight(name: &str, shares: [f64; 4], trembling: f64) -> MotorFlight {
         let command_frac =
             [0, 1, 2, 3].map(|m| if is_up { hover * shares[m] * of[m] } else { 0.0 });
         let height_m = Some(if is_up { 0.5 } else { 0.0 });
-        MotorRow { t_s, command_frac, supply_v: None, height_m }
+        MotorRow { t_s, command_frac, supply_v: None, height_m, speed_mps: Some(0.0) }
     };
     let rows = (0..2000).map(row).collect();
     MotorFlight { name: name.into(), commands: "made".into(), rows, dropped: Dropped::default() }
@@ -141,4 +141,10 @@ fn prop_what_cannot_be_judged_is_refused_in_words() {
     low.rows.iter_mut().for_each(|row| row.height_m = None);
     let low = Hover::of(&low, &vehicle).unwrap();
     assert!(!low.by_height && low.hover_s > 10.0);
+    let mut fast = flight("fast", [1.0; 4], 0.02);
+    fast.rows.iter_mut().for_each(|row| row.speed_mps = Some(row.t_s));
+    assert_eq!(
+        Hover::of(&fast, &vehicle).unwrap_err(),
+        "it hovers 0.0 s at one height, 5 s are due"
+    );
 }

@@ -1,7 +1,7 @@
 //! Flights of other people's multicopters, as what their motors were told: from any file to one neutral form.
 //!
-//! A file is `usdlog`, or a table of text whose columns a file of the user maps (docs/IMPORT.md). What a file does not hold
-//! is not made up: it is missing, and who judges the flight says that it was not checked.
+//! A file is `usdlog`, a log of PX4 or ArduPilot ([`super::boards`]), or a table of text whose columns a file of the user maps
+//! (docs/IMPORT.md). What a file does not hold is not made up: it is missing, and who judges the flight says that it was not checked.
 
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
@@ -9,8 +9,10 @@ use std::path::{Path, PathBuf};
 use flate2::read::GzDecoder;
 use serde::Deserialize;
 
+use super::boards;
 use super::bounded::Bounded;
-use super::usdlog::{self, Event, NoLog, UsdLog};
+use super::events::Event;
+use super::usdlog::{self, NoLog, UsdLog};
 use crate::intake;
 use crate::log_file::shown_name;
 
@@ -47,6 +49,8 @@ pub struct MotorRow {
     pub supply_v: Option<f64>,
     /// Height above where the log has its zero, m.
     pub height_m: Option<f64>,
+    /// Speed over the ground, m/s.
+    pub speed_mps: Option<f64>,
 }
 
 /// What was left out of a file, by the reason.
@@ -56,9 +60,9 @@ pub struct Dropped {
     pub unreadable: usize,
     /// Rows that are not later than the row before.
     pub time_backwards: usize,
-    /// Bytes behind the last record that could be read.
+    /// Bytes that hold no record that can be read.
     pub unread_bytes: usize,
-    /// Whether the checksum of the file is not that of its bytes.
+    /// Whether the checksum of the file is not that of its bytes; of files without one never.
     pub checksum_differs: bool,
 }
 
@@ -85,6 +89,8 @@ pub struct Columns {
     pub supply_v: Option<Column>,
     /// Height, m.
     pub height_m: Option<Column>,
+    /// Speed over the ground, m/s.
+    pub speed_mps: Option<Column>,
 }
 
 /// A column, with what makes the unit that is due of the one that is there: `scale · value + offset`.
@@ -113,6 +119,16 @@ fn one() -> f64 {
 pub fn read_usdlog(path: &Path) -> Result<MotorFlight, Error> {
     let log = usdlog::parse(&bytes(path)?).map_err(|why: NoLog| refuse(path, why))?;
     of_usdlog(&log, &shown_name(path)).map_err(|what| refuse(path, what))
+}
+
+/// Reads a log of PX4 (`.ulg`), packed by gzip or not.
+pub fn read_ulog(path: &Path) -> Result<MotorFlight, Error> {
+    boards::of_ulog(&bytes(path)?, &shown_name(path)).map_err(|what| refuse(path, what))
+}
+
+/// Reads a log of ArduPilot (`.bin`), packed by gzip or not.
+pub fn read_dataflash(path: &Path) -> Result<MotorFlight, Error> {
+    boards::of_dataflash(&bytes(path)?, &shown_name(path)).map_err(|what| refuse(path, what))
 }
 
 /// Reads a table of text, packed by gzip or not.
@@ -173,6 +189,8 @@ fn of_usdlog(log: &UsdLog, name: &str) -> Result<MotorFlight, String> {
     };
     let supply_v = column("pm.vbat", 1.0).or_else(|| column("pm.vbatMV", 1e-3));
     let height_m = column("stateEstimate.z", 1.0);
+    let velocity = column("stateEstimate.vx", 1.0).zip(column("stateEstimate.vy", 1.0));
+    let speed_mps = velocity.map(|(x, y)| x.iter().zip(y).map(|(x, y)| x.hypot(y)).collect());
     let mut flight =
         MotorFlight { name: name.into(), commands: commands.into(), rows: Vec::new(), dropped };
     for (k, t_s) in event.time_s.iter().enumerate() {
@@ -184,6 +202,7 @@ fn of_usdlog(log: &UsdLog, name: &str) -> Result<MotorFlight, String> {
             command_frac,
             supply_v: at(&supply_v),
             height_m: at(&height_m),
+            speed_mps: at(&speed_mps),
         });
     }
     Ok(flight)
@@ -220,6 +239,7 @@ fn of_table(text: &str, columns: &Columns, name: &str) -> Result<MotorFlight, St
     }
     let supply = columns.supply_v.as_ref().map(place).transpose()?;
     let height = columns.height_m.as_ref().map(place).transpose()?;
+    let speed = columns.speed_mps.as_ref().map(place).transpose()?;
     let commands: Vec<&str> = columns.motors_frac.iter().map(|c| c.column.as_str()).collect();
     let mut flight = MotorFlight {
         name: name.into(),
@@ -244,6 +264,7 @@ fn of_table(text: &str, columns: &Columns, name: &str) -> Result<MotorFlight, St
             command_frac,
             supply_v: supply.and_then(value),
             height_m: height.and_then(value),
+            speed_mps: speed.and_then(value),
         });
     }
     let most = flight.rows.iter().flat_map(|row| row.command_frac).fold(0.0, f64::max);
@@ -257,7 +278,7 @@ fn of_table(text: &str, columns: &Columns, name: &str) -> Result<MotorFlight, St
 
 impl MotorFlight {
     /// A row more, unless it is none or not later than the last.
-    fn push(&mut self, row: MotorRow) {
+    pub(super) fn push(&mut self, row: MotorRow) {
         let is_number = row.t_s.is_finite() && row.command_frac.iter().all(|u| u.is_finite());
         if !is_number {
             self.dropped.unreadable += 1;
@@ -265,8 +286,9 @@ impl MotorFlight {
             self.dropped.time_backwards += 1;
         } else {
             let finite = |value: Option<f64>| value.filter(|value| value.is_finite());
-            let (supply_v, height_m) = (finite(row.supply_v), finite(row.height_m));
-            self.rows.push(MotorRow { supply_v, height_m, ..row });
+            let [supply_v, height_m, speed_mps] =
+                [row.supply_v, row.height_m, row.speed_mps].map(finite);
+            self.rows.push(MotorRow { supply_v, height_m, speed_mps, ..row });
         }
     }
 }

@@ -7,6 +7,8 @@
 
 use flate2::Crc;
 
+use super::events::{Event, Kind, Left, text};
+
 /// First byte of a log.
 const MAGIC: u8 = 0xBC;
 
@@ -19,27 +21,6 @@ pub struct UsdLog {
     pub is_whole: bool,
     /// Bytes behind the last record that could be read.
     pub unread_bytes: usize,
-}
-
-/// Records of one kind.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Event {
-    /// Its name, `fixedFrequency` for what is logged at a rate.
-    pub name: String,
-    /// Names of its variables.
-    pub variables: Vec<String>,
-    /// Time of each record, s.
-    pub time_s: Vec<f64>,
-    /// Values, record after record, one of each variable.
-    pub values: Vec<f64>,
-}
-
-impl Event {
-    /// The values of a variable, one a record; `None` if it was not logged.
-    pub fn column(&self, variable: &str) -> Option<impl Iterator<Item = f64> + '_> {
-        let at = self.variables.iter().position(|name| name == variable)?;
-        Some(self.values.chunks_exact(self.variables.len()).map(move |record| record[at]))
-    }
 }
 
 /// Why bytes are no such log.
@@ -59,7 +40,7 @@ pub enum NoLog {
 /// Reads the bytes of a log.
 pub fn parse(bytes: &[u8]) -> Result<UsdLog, NoLog> {
     let (body, is_whole) = checked(bytes);
-    let mut left = Left { body, at: 0 };
+    let mut left = Left::of(body);
     if left.take::<1>() != Some([MAGIC]) {
         return Err(NoLog::Magic);
     }
@@ -97,52 +78,23 @@ struct Layout {
 }
 
 /// Types of variables, by the letters of Python's `struct`.
-#[derive(Debug, Clone, Copy)]
-enum Kind {
-    U8,
-    I8,
-    U16,
-    I16,
-    U32,
-    I32,
-    F32,
-}
-
-impl Kind {
-    fn of(letter: u8) -> Option<Self> {
-        Some(match letter {
-            b'B' => Self::U8,
-            b'b' => Self::I8,
-            b'H' => Self::U16,
-            b'h' => Self::I16,
-            b'I' => Self::U32,
-            b'i' => Self::I32,
-            b'f' => Self::F32,
-            _ => return None,
-        })
-    }
-}
-
-/// What is left of a log.
-struct Left<'a> {
-    body: &'a [u8],
-    at: usize,
+fn kind(letter: u8) -> Option<Kind> {
+    Some(match letter {
+        b'B' => Kind::U8,
+        b'b' => Kind::I8,
+        b'H' => Kind::U16,
+        b'h' => Kind::I16,
+        b'I' => Kind::U32,
+        b'i' => Kind::I32,
+        b'f' => Kind::F32,
+        _ => return None,
+    })
 }
 
 impl Left<'_> {
-    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let taken = *self.body.get(self.at..)?.first_chunk()?;
-        self.at += N;
-        Some(taken)
-    }
-
-    fn u16(&mut self) -> Option<u16> {
-        self.take().map(u16::from_le_bytes)
-    }
-
     /// Bytes up to a zero.
     fn name(&mut self) -> Option<&[u8]> {
-        let rest = self.body.get(self.at..)?;
+        let rest = self.rest();
         let length = rest.iter().position(|byte| *byte == 0)?;
         self.at += length + 1;
         Some(&rest[..length])
@@ -150,12 +102,11 @@ impl Left<'_> {
 
     fn layout(&mut self) -> Option<Layout> {
         let id = self.u16()?;
-        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
         let mut event = Event { name: text(self.name()?), ..Event::default() };
         let mut kinds = Vec::new();
         for _ in 0..self.u16()? {
             let [name @ .., b'(', letter, b')'] = self.name()? else { return None };
-            kinds.push(Kind::of(*letter)?);
+            kinds.push(kind(*letter)?);
             event.variables.push(text(name));
         }
         Some(Layout { id, kinds, event })
@@ -179,18 +130,6 @@ impl Left<'_> {
         }
         event.time_s.push(time_s);
         Some(())
-    }
-
-    fn value(&mut self, kind: Kind) -> Option<f64> {
-        Some(match kind {
-            Kind::U8 => u8::from_le_bytes(self.take()?).into(),
-            Kind::I8 => i8::from_le_bytes(self.take()?).into(),
-            Kind::U16 => u16::from_le_bytes(self.take()?).into(),
-            Kind::I16 => i16::from_le_bytes(self.take()?).into(),
-            Kind::U32 => u32::from_le_bytes(self.take()?).into(),
-            Kind::I32 => i32::from_le_bytes(self.take()?).into(),
-            Kind::F32 => f32::from_le_bytes(self.take()?).into(),
-        })
     }
 }
 

@@ -1,6 +1,7 @@
 //! The gap report as one HTML file: verdict, block chain, candidates, shrink, what this flight
 //! cannot say, and everything behind it. Needs no network and no other file.
 
+pub mod balance;
 pub mod budget;
 mod matrix;
 mod next;
