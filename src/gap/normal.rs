@@ -47,6 +47,14 @@ pub(super) fn prediction_factor(p: f64, count: usize) -> f64 {
     student_quantile(p, n - 1.0) * (1.0 + 1.0 / n).sqrt()
 }
 
+/// Empirical quantile, on the safe side (the next larger value); infinite without values.
+pub(super) fn empirical_quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
+    let mut sorted: Vec<f64> = values.filter(|v| !v.is_nan()).collect();
+    sorted.sort_by(f64::total_cmp);
+    let rank = ((sorted.len() as f64 + 1.0) * share).ceil() as usize;
+    sorted.get(rank.saturating_sub(1)).or(sorted.last()).copied().unwrap_or(f64::INFINITY)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -9,21 +9,11 @@ use tokio::net::TcpListener;
 
 use super::inbox::{Inbox, Shared};
 use super::mailbox::Mailbox;
-use super::{Port, cable, datagrams, radio, realtime, serial, tcp};
+use super::realtime::{Urgency, hurry};
+use super::{Port, cable, datagrams, radio, serial, tcp};
 
 /// How often it is looked whether to end.
 const LOOK: Duration = Duration::from_millis(100);
-
-/// Priority of the threads that carry bytes of tag and board: below the control thread, above everything
-/// that stations can keep busy. `None` where SCHED_FIFO is not wanted.
-pub(super) type Urgency = Option<u8>;
-
-/// Puts the calling thread there. The control thread has told people if the system does not permit it.
-pub(super) fn hurry(urgency: Urgency) {
-    if let Some(priority) = urgency {
-        let _ = realtime::insist_on_deadlines(priority.saturating_sub(1).max(1));
-    }
-}
 
 /// Serves tag or board until the companion ends.
 pub(super) fn spawn(

@@ -432,7 +432,7 @@ fn start_link(
     inboxes: Vec<Inbox>,
     output: Mailbox,
     links: &mut JoinSet<()>,
-    urgency: devices::Urgency,
+    urgency: realtime::Urgency,
     shared: &Arc<Shared>,
 ) -> Result<Vec<JoinHandle<()>>, LiveError> {
     let Some(inbox) = inboxes.first().cloned() else { return Ok(Vec::new()) };

@@ -34,6 +34,17 @@ pub fn insist_on_deadlines(priority: u8) -> Result<(), String> {
     })
 }
 
+/// Priority of the threads that carry bytes of tag and board: below the control thread, above everything
+/// that stations can keep busy. `None` where SCHED_FIFO is not wanted.
+pub(super) type Urgency = Option<u8>;
+
+/// Puts the calling thread there. The control thread has told people if the system does not permit it.
+pub(super) fn hurry(urgency: Urgency) {
+    if let Some(priority) = urgency {
+        let _ = insist_on_deadlines(priority.saturating_sub(1).max(1));
+    }
+}
+
 /// How late a thread of this computer wakes up from sleeping to a deadline each 10 ms, s, in order of
 /// time; under SCHED_FIFO with `priority` where that is given and permitted.
 pub fn measure_lateness(steps: u32, priority: Option<u8>) -> Vec<f64> {

@@ -8,9 +8,9 @@ use std::time::Duration;
 
 use serialport::{SerialPort, TTYPort};
 
-use super::devices::{Urgency, hurry};
 use super::inbox::Inbox;
 use super::mailbox::{Mailbox, Outgoing};
+use super::realtime::{Urgency, hurry};
 use super::{clock, usb};
 use haltere_core::drops::DropReason;
 

@@ -77,8 +77,9 @@ pub use flight::tilt_step::{Envelope, TiltStep, stopping_m};
 pub use input::{Input, LinkId, MOST_STATIONS};
 pub use navigation::uwb;
 pub use out::recording::Recording;
+pub use schedule::act::Permit;
 pub use schedule::ordered::{ORDERS, Order, Steers};
-pub use schedule::said::{Permit, SAID, Said};
+pub use schedule::said::{SAID, Said};
 pub use stations::endpoint::{
     Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, OriginConfig, Routing,
 };

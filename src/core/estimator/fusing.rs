@@ -4,11 +4,11 @@ use nalgebra::Vector3;
 
 use super::align::Kept;
 use super::aligning::FIX_WINDOW_S;
+use super::bias::FREE_M;
 use super::bias::Pair;
 use super::config::{BaroConfig, Motion, Tail};
 use super::gate::{self, Remedy};
 use super::height::standard_height_m;
-use super::isolation::FREE_M;
 use super::quality::Qualities;
 use super::state::{POS, VEL};
 use super::update::Observation;

@@ -47,9 +47,6 @@ type Unknowns = SVector<f64, SIZE>;
 /// Fewer anchors do not find one out: of 6 differences a position takes 3 and the suspect 1, and the
 /// two that are left must speak against every other suspect.
 pub const LEAST_ANCHORS: usize = 7;
-/// One sigma of the bias of an anchor that is left out, m: recorded were 2.5 m behind metal and 3 to 4 m
-/// on the floor (docs/ESTIMATOR.md).
-pub const FREE_M: f64 = 3.0;
 /// Time between two judgements, s: a few in the time of confirmation.
 const INTERVAL_S: f64 = 0.1;
 /// One sigma of the mean of a pair over the memory, m: the wandering part of its error (`bias.rs`), which

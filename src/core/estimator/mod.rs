@@ -13,6 +13,7 @@ mod bias_level;
 mod board_vertical;
 mod cold;
 mod config;
+mod error_state;
 mod fusing;
 mod gate;
 mod gyro_bias;

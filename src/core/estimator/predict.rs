@@ -26,6 +26,7 @@
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
+use super::error_state::Transition;
 use super::state::{ATT, Cov, POS, State, VEL, quat_exp, quat_turn, skew};
 use crate::frames::G_MPS2;
 
@@ -63,21 +64,6 @@ pub struct Growth {
     pub vel: [f64; 3],
     /// Attitude, rad²/s.
     pub att: f64,
-}
-
-/// The blocks of F that are neither zero nor identity.
-#[derive(Debug, Clone, Copy)]
-pub struct Transition {
-    /// Position from velocity.
-    pub xv: Matrix3<f64>,
-    /// Position from attitude.
-    pub xd: Matrix3<f64>,
-    /// Velocity from velocity.
-    pub vv: Matrix3<f64>,
-    /// Velocity from attitude.
-    pub vd: Matrix3<f64>,
-    /// Attitude from attitude.
-    pub dd: Matrix3<f64>,
 }
 
 /// What a step changes: the new nominal state's parts and the Jacobian.

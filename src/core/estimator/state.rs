@@ -10,23 +10,10 @@
 //! filtering with an attitude", J. Guidance Control Dynamics 40(9), 2017 (they stop at first
 //! order). Valid for corrections well below 1 rad.
 
-use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::bias::Biases;
-
-/// Number of error states.
-pub const STATES: usize = 9;
-/// Covariance of the error states.
-pub type Cov = SMatrix<f64, STATES, STATES>;
-/// A vector of error states.
-pub type StateVec = SVector<f64, STATES>;
-
-/// First index of position.
-pub const POS: usize = 0;
-/// First index of velocity.
-pub const VEL: usize = 3;
-/// First index of the attitude error.
-pub const ATT: usize = 6;
+pub use super::error_state::{ATT, Cov, POS, STATES, StateVec, VEL};
 
 /// Floor of a variance: keeps P positive when an aid is far better than everything else.
 const LEAST_VARIANCE: f64 = 1e-12;

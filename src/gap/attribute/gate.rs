@@ -15,8 +15,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::Gate;
-use super::trials::quantile;
-use crate::normal::prediction_factor;
+use crate::normal::{empirical_quantile, prediction_factor};
 
 /// Least spread of an evidence over healthy flights, in log evidence.
 const LEAST_SPREAD: f64 = 0.5;
@@ -84,7 +83,7 @@ impl Limit {
         let distances: Vec<f64> = flights.iter().map(|f| f.distance).collect();
         let (distance, effect) = match rule {
             Rule::Share(share) => {
-                let most = |values: Vec<f64>| quantile(values.into_iter(), share);
+                let most = |values: Vec<f64>| empirical_quantile(values.into_iter(), share);
                 (most(distances), most(loudest))
             }
             Rule::Few(share, times) => {
@@ -127,7 +126,7 @@ fn spreads<'a>(flights: impl Iterator<Item = &'a Seen> + Clone) -> Vec<(f64, f64
             (mean, variance, values.len() as f64)
         })
         .collect();
-    let usual = quantile(found.iter().map(|(_, variance, _)| *variance), 0.5);
+    let usual = empirical_quantile(found.iter().map(|(_, variance, _)| *variance), 0.5);
     let one = |(mean, variance, n): &(f64, f64, f64)| {
         let freedom = (n - 1.0).max(0.0);
         let both = (freedom * variance + USUAL_WEIGHT * usual) / (freedom + USUAL_WEIGHT);
@@ -154,8 +153,8 @@ fn moments(values: &[f64]) -> (f64, f64) {
 /// flight far out does not set it. `times`: how many times as much the next flight scatters.
 fn skewed(values: Vec<f64>, share: f64, times: f64) -> f64 {
     let factor = times * prediction_factor(share, values.len());
-    let middle = quantile(values.iter().copied(), 0.5);
-    middle + factor * (quantile(values.into_iter(), ONE_SIGMA) - middle)
+    let middle = empirical_quantile(values.iter().copied(), 0.5);
+    middle + factor * (empirical_quantile(values.into_iter(), ONE_SIGMA) - middle)
 }
 
 #[cfg(test)]

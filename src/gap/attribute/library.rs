@@ -6,10 +6,18 @@ use rayon::prelude::*;
 use super::Settings;
 use super::evidence::{Fit, Sufficient};
 use super::linear::Noise;
-use super::open_set::Left;
 use super::surrogate::{Law, Surrogate};
 use super::whiten::{Standard, Whitening, compress, compressed};
 use crate::bank::{Bank, Draw};
+
+/// What an explanation leaves.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Left {
+    /// `rᵀ N⁻¹ r`.
+    pub squared: f64,
+    /// Largest whitened residual, sigma.
+    pub peak: f64,
+}
 
 /// Which flights of a bank teach: all, or all but one fold.
 #[derive(Debug, Clone, Copy)]

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::library::Library;
+use super::library::{Left, Library};
 use crate::outcome::Remainder;
 use haltere_model::effects::Block;
 
@@ -23,15 +23,6 @@ pub(super) fn score(squared: f64, freedom: usize) -> f64 {
     let k = freedom.max(1) as f64;
     let spread = 2.0 / (9.0 * k);
     ((squared.max(0.0) / k).cbrt() - (1.0 - spread)) / spread.sqrt()
-}
-
-/// What an explanation leaves.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Left {
-    /// `rᵀ N⁻¹ r`.
-    pub squared: f64,
-    /// Largest whitened residual, sigma.
-    pub peak: f64,
 }
 
 /// Numbers that an explanation is judged by.

@@ -7,9 +7,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::evidence::{Fit, Sufficient, climb};
-use super::library::Library;
+use super::library::{Left, Library};
 use super::linear::Noise;
-use super::open_set::Left;
 use super::whiten::{compress, expand};
 
 /// Evidence that a second effect adds, relative to the strength of the first: a signature that is

@@ -21,6 +21,7 @@ use super::pairs;
 use super::teachers::HALF;
 use super::{Settings, Teachers};
 use crate::bank::Draw;
+use crate::normal::empirical_quantile;
 use haltere_model::effects::Block;
 use haltere_model::random::Stream;
 
@@ -137,18 +138,18 @@ pub(super) fn limits(
     let single_gains =
         seen.iter().filter(|t| !t.double).filter_map(|t| t.pair.map(|(gain, _)| gain));
     let second = 1.0 - settings.false_second;
-    let pair_gain = quantile(single_gains, second);
+    let pair_gain = empirical_quantile(single_gains, second);
     let enough = 1.0 - settings.false_rejection;
     let singles = || seen.iter().filter(|t| !t.double);
     let known: Vec<_> = singles().map(|t| t.single).collect();
     let strange: Vec<_> = singles().filter_map(|t| t.without).collect();
     let judge = Judge::new(&known, &strange);
-    let adequate = quantile(known.iter().map(|f| judge.odds(f)), enough);
+    let adequate = empirical_quantile(known.iter().map(|f| judge.odds(f)), enough);
     let two = seen.iter().filter(|t| t.double).filter_map(|t| t.pair);
     let scores = two.filter(|(gain, _)| *gain > pair_gain).map(|(_, left)| judge.odds(&left));
-    let adequate_pair = quantile(scores, enough).max(adequate);
+    let adequate_pair = empirical_quantile(scores, enough).max(adequate);
     let errors = seen.iter().flat_map(|t| t.errors.iter().copied());
-    let widen = quantile(errors, 0.9).clamp(1.0, MOST_WIDENED);
+    let widen = empirical_quantile(errors, 0.9).clamp(1.0, MOST_WIDENED);
     let mut blocks: BTreeMap<Block, Vec<f64>> = BTreeMap::new();
     for (block, _, value) in nulls.iter().flat_map(|n| &n.blocks) {
         blocks.entry(*block).or_default().push(*value);
@@ -336,12 +337,4 @@ fn reference_scores(
         found.par_extend(side(true).par_iter().map(|s| seen(&library, settings, s)));
     }
     found
-}
-
-/// Empirical quantile, on the safe side (the next larger value); infinite without values.
-pub(super) fn quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
-    let mut sorted: Vec<f64> = values.filter(|v| !v.is_nan()).collect();
-    sorted.sort_by(f64::total_cmp);
-    let rank = ((sorted.len() as f64 + 1.0) * share).ceil() as usize;
-    sorted.get(rank.saturating_sub(1)).or(sorted.last()).copied().unwrap_or(f64::INFINITY)
 }

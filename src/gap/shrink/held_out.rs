@@ -79,7 +79,7 @@ pub fn resize_all(
     for (k, explanation) in explanations.iter_mut().enumerate() {
         let share = match &explanation.effects[..] {
             [(spec, theta)] => {
-                let sized = resize(model, fitted_on, spec, theta);
+                let sized = resize(|e| model.left(fitted_on, e), model.vehicle(), spec, theta);
                 explanation.effects = sized.theta.map(|theta| (*spec, theta)).into_iter().collect();
                 sized.share
             }

@@ -7,7 +7,6 @@
 //! simulator no more like the flight it was fitted to is not added at all.
 
 use crate::bank::library;
-use crate::shrink::held_out::HeldOut;
 use haltere_model::Vehicle;
 use haltere_model::effects::{EffectSpec, ParameterSpec};
 
@@ -24,15 +23,21 @@ pub struct Resized {
     pub distance: [f64; 2],
 }
 
-/// Searches the size of an effect. `model` flies the mission of `real`, the flight that was diagnosed.
-pub fn resize(model: &HeldOut<'_>, real: &[f64], spec: &EffectSpec, theta: &[f64]) -> Resized {
-    let without = model.left(real, &[]);
+/// Searches the size of an effect of a vehicle. `left` flies the mission of the flight that was diagnosed with effects, and
+/// says how far it is from that.
+pub fn resize(
+    left: impl Fn(&[(&EffectSpec, &[f64])]) -> f64,
+    vehicle: &Vehicle,
+    spec: &EffectSpec,
+    theta: &[f64],
+) -> Resized {
+    let without = left(&[]);
     let mut best = Resized { theta: None, share: 0.0, distance: [without, without] };
     for share in SHARES {
-        let sized = at_share(spec, model.vehicle(), theta, share);
-        let left = model.left(real, &[(spec, &sized)]);
-        if left < best.distance[1] {
-            best = Resized { theta: Some(sized), share, distance: [without, left] };
+        let sized = at_share(spec, vehicle, theta, share);
+        let distance = left(&[(spec, &sized)]);
+        if distance < best.distance[1] {
+            best = Resized { theta: Some(sized), share, distance: [without, distance] };
         }
     }
     best

@@ -5,11 +5,8 @@ use std::collections::BTreeMap;
 use mcap::records::Metadata;
 use prost::Message as _;
 
-use super::convert::decoded_from_topic;
 use super::pb;
-use super::recorder::GlueState;
 use haltere_core::time::HostTime;
-use haltere_core::topics::Topic;
 use haltere_pilot::LinkId;
 
 /// Name of the channel of raw input of a link.
@@ -158,12 +155,18 @@ macro_rules! decoded {
     };
 }
 
-impl Decoded {
-    /// A record of the core as it stands in a log.
-    pub fn from_topic(topic: &Topic) -> Self {
-        decoded_from_topic(topic)
-    }
+/// State of the glue around the core, for the log.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct GlueState {
+    /// Wake-ups so far.
+    pub wake_ups: u64,
+    /// Wake-ups later than half a control period.
+    pub late_wake_ups: u64,
+    /// Largest lateness of a wake-up, s.
+    pub worst_lateness_s: f64,
+}
 
+impl Decoded {
     /// State of the glue as it stands in a log.
     pub fn from_glue(at: HostTime, state: &GlueState) -> Self {
         Decoded::Glue(pb::Glue {

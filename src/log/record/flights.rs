@@ -7,8 +7,9 @@
 use serde::Serialize;
 
 use super::channels::Decoded;
+use super::entry::Entry;
 use super::errors::LogError;
-use super::reader::{Entry, LogReader};
+use super::reader::LogReader;
 use haltere_core::time::HostTime;
 use haltere_core::topics::Topic;
 use haltere_pilot::Mode;

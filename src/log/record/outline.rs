@@ -6,9 +6,9 @@ use std::collections::BTreeMap;
 use mcap::records::{ChunkIndex, Record, op};
 
 use super::channels;
+use super::entry::{Entry, decode};
 use super::forms::{CHUNK_HEAD_BYTES, MESSAGE_HEAD_BYTES, RECORD_HEAD_BYTES, record};
 use super::messages::Message;
-use super::reader::{Entry, decode};
 use super::source::{Source, Window};
 use super::tail::Tail;
 use haltere_core::time::HostTime;

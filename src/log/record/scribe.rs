@@ -11,9 +11,9 @@ use mcap::McapError;
 
 use super::budget::tidy;
 use super::channels;
-use super::convert::decoded_from_topic;
+use super::channels::Decoded;
 use super::pb;
-use super::recorder::{Batch, Item, Queue, widen};
+use super::queue::{Batch, Item, Queue, widen};
 use super::room::{Limits, Room};
 use super::writer::{LogWriter, RecordError};
 use haltere_core::time::HostTime;
@@ -432,7 +432,7 @@ fn write_batch<W: std::io::Write + std::io::Seek>(
             Item::Wake => {
                 log.put(channels::WAKE, at, sequence, &pb::Wake { sequence, host_time_us })?;
             }
-            Item::Topic(topic) => log.decoded(&decoded_from_topic(topic))?,
+            Item::Topic(topic) => log.decoded(&Decoded::from_topic(topic))?,
             Item::Glue(glue) => log.decoded(glue)?,
         }
     }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
 
-use super::convert::decoded_from_topic;
+use super::channels::Decoded;
 use super::writer::LogWriter;
 use super::*;
 use haltere_core::drops::{DropReason, Drops};
@@ -181,7 +181,7 @@ fn script(recorder: &mut Recorder, cycles: u64) -> Vec<Entry> {
             expected.push(Entry::Output { sequence: next(), at, link, bytes });
         }
         for topic in topics(at) {
-            expected.push(Entry::Decoded(decoded_from_topic(&topic)));
+            expected.push(Entry::Decoded(Decoded::from_topic(&topic)));
             recorder.topic(at, topic);
         }
         recorder.commit(at);
@@ -251,7 +251,7 @@ fn prop_what_is_recorded_is_read_back() {
 fn prop_every_topic_has_a_channel() {
     let at = HostTime::from_us(77);
     for topic in topics(at) {
-        let decoded = decoded_from_topic(&topic);
+        let decoded = Decoded::from_topic(&topic);
         assert_eq!(decoded.at(), at);
         let mut bytes = Vec::new();
         decoded.encode(&mut bytes);
@@ -273,7 +273,7 @@ fn prop_a_cut_log_is_a_prefix() {
         log.raw(false, LinkId::Tag, at, sequence, &bytes).unwrap();
         let input = RawInput::Bytes { link: LinkId::Tag, bytes };
         expected.push(Entry::Input { sequence, at, input });
-        let decoded = decoded_from_topic(&topics[sequence as usize % topics.len()]);
+        let decoded = Decoded::from_topic(&topics[sequence as usize % topics.len()]);
         log.decoded(&decoded).unwrap();
         expected.push(Entry::Decoded(decoded));
         if sequence % 3 == 0 {

@@ -21,9 +21,13 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::flight::{FRICTION, GEAR_HALF_WIDTH_M};
 use crate::body::Body;
 use crate::vehicle::Vehicle;
+
+/// Friction of the landing gear on the floor. Assumed: rubber on wood.
+pub(super) const FRICTION: f64 = 0.6;
+/// Half width of the landing gear, m: holds a tilting moment of the normal force times this.
+pub(super) const GEAR_HALF_WIDTH_M: f64 = 0.06;
 
 /// Parts of a step in which something touches.
 pub(super) const PARTS: usize = 4;

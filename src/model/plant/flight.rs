@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::contact::PARTS;
+use super::contact::{FRICTION, GEAR_HALF_WIDTH_M, PARTS};
 use super::{Plant, STEP_US};
 use crate::effects::STEP_S;
 use crate::faults::FaultKind;
@@ -10,10 +10,6 @@ use crate::vehicle::Servo;
 use crate::wings::{Actuation, Wrench, flap_target_hz, thrust_wrench, wing_thrust_n};
 use haltere_core::frames::G_MPS2;
 
-/// Friction of the landing gear on the floor. Assumed: rubber on wood.
-pub(super) const FRICTION: f64 = 0.6;
-/// Half width of the landing gear, m: holds a tilting moment of the normal force times this.
-pub(super) const GEAR_HALF_WIDTH_M: f64 = 0.06;
 /// Half widths from the legs that are left to the weight, of a gear that has lost one: more than it holds.
 const BROKEN_LEG_ARMS: f64 = 1.5;
 /// The gear brings the vehicle upright with this time constant, s.

@@ -12,7 +12,8 @@ use haltere_core::time::HostTime;
 use haltere_core::topics::Topic;
 
 use super::act::Act;
-use super::said::{self, Heard};
+use super::act::Heard;
+use super::said;
 use crate::flight::modes::Mode;
 use crate::flight::place::Location;
 use crate::flight::setpoint::{Owner, Setpoint, setpoint_from_global};

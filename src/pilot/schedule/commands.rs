@@ -6,8 +6,7 @@ use haltere_dialect::mav::haltere::{
 
 use haltere_core::time::HostTime;
 
-use super::act::Act;
-use super::said::Heard;
+use super::act::{Act, Heard};
 use crate::flight::modes::{Event, Mode};
 use crate::flight::place::room_from_deg;
 use crate::flight::place::{Location, WIRE_DEG};

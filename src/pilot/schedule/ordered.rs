@@ -10,8 +10,7 @@ use haltere_dialect::mav::known;
 
 use haltere_core::time::HostTime;
 
-use super::act::Act;
-use super::said::{Heard, Permit};
+use super::act::{Act, Heard, Permit};
 use crate::flight::arming::SHADOW_WORDS;
 use crate::flight::modes::{Event, Mode};
 use crate::flight::place::Location;

@@ -9,42 +9,12 @@ use haltere_dialect::mav::haltere::{
     PARAM_ERROR_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, ParamAck,
 };
 
-use haltere_core::time::HostTime;
-
-use super::act::Act;
+use super::act::{Act, Heard, Permit};
 use super::ordered;
-use crate::input::LinkId;
 use crate::out::voice::Severity;
-use crate::stations::mission_transfer::{Client, ack};
+use crate::stations::mission_transfer::ack;
 use crate::stations::services::ftp_wire::{Packet, reads};
 use crate::stations::services::{parameters, plan_wire};
-
-/// A message that a client has said.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Heard<'a> {
-    pub at: HostTime,
-    pub link: LinkId,
-    pub peer: (u8, u8),
-    pub id: u32,
-    pub message: &'a MavMessage,
-}
-
-impl Heard<'_> {
-    pub fn client(&self) -> Client {
-        Client { link: self.link, peer: self.peer }
-    }
-}
-
-/// Who may say something.
-#[derive(Debug, Clone, Copy)]
-pub enum Permit<F> {
-    /// Everybody: it changes nothing.
-    Look,
-    /// Systems among the commanders of their endpoint.
-    Command,
-    /// Everybody, as far as it only asks.
-    Asks(F),
-}
 
 /// A message that is heard from stations.
 pub struct Said {

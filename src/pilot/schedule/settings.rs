@@ -5,8 +5,7 @@ use haltere_dialect::mav::haltere::PARAM_SET_DATA;
 use haltere_core::control::{Handover, margins};
 use haltere_core::geo::LocalOrigin;
 
-use super::act::Act;
-use super::said::Heard;
+use super::act::{Act, Heard};
 use crate::flight::tilt_step::Envelope;
 
 impl Act<'_> {

@@ -99,7 +99,7 @@ pub(super) fn shrunk(
             continue;
         }
         let flown = |spec: &EffectSpec, theta: &[f64]| -> (Paired, bool) {
-            match resize(&fit, diagnosed, spec, theta).theta {
+            match resize(|e| fit.left(diagnosed, e), fit.vehicle(), spec, theta).theta {
                 Some(theta) => (model.paired(real, &[(spec, &theta)]), true),
                 None => (model.paired(real, &[]), false),
             }

@@ -12,9 +12,9 @@ use haltere_core::time::HostTime;
 
 use super::Purpose;
 use super::crc32::crc32;
-use super::files::{FileFault, FileName, FileTask, Folder, MOST_MISSION_BYTES};
+use super::files::{FileFault, FileTask, Folder, MOST_MISSION_BYTES};
 use super::ftp_path::{LOGS, MISSIONS, Made, Place, place};
-use super::ftp_stream::{Content, Session};
+use super::ftp_stream::{Content, Job, MOST_SESSIONS, Session};
 use super::ftp_wire::{MOST_DATA, Packet};
 use crate::input::LinkId;
 use crate::out::Out;
@@ -22,21 +22,8 @@ use crate::stations::Stations;
 use crate::stations::endpoint::Identity;
 use crate::stations::mission_transfer::Client;
 
-/// Sessions at once.
-pub(crate) const MOST_SESSIONS: usize = 6;
 /// Clients whose last answer is remembered.
 const MOST_CLIENTS: usize = 16;
-
-/// What an answer of the disk is for.
-#[derive(Debug)]
-pub(crate) enum Job {
-    List(Client, Packet),
-    Open(Client, Packet, FileName),
-    Checksum(Client, Packet),
-    Remove(Client, Packet),
-    Store(Client, Packet),
-    Block { number: usize, serial: u32, offset: u64 },
-}
 
 /// The last request of a client, and its answer if there is one yet.
 #[derive(Debug)]

@@ -10,19 +10,31 @@ use haltere_core::time::HostTime;
 use super::Purpose;
 use super::budget::Budget;
 use super::files::{FileFault, FileName, FileTask, MOST_READ_BYTES};
-use super::ftp::{Job, MOST_SESSIONS};
 use super::ftp_wire::{FRAME_BYTES, MOST_DATA, Packet};
 use crate::input::LinkId;
 use crate::out::Out;
 use crate::stations::Stations;
 use crate::stations::mission_transfer::Client;
 
+/// Sessions at once.
+pub(crate) const MOST_SESSIONS: usize = 6;
 /// Reads of a session that wait for the disk: clients have a few in flight.
 const MOST_WAITING: usize = 8;
 /// A session that nobody uses for so long ends, s.
 const IDLE_S: f64 = 60.0;
 /// Packets of one burst; then the client asks again. QGroundControl and MAVSDK go on by themselves.
 const BURST_PACKETS: u32 = 400;
+
+/// What an answer of the disk is for.
+#[derive(Debug)]
+pub(crate) enum Job {
+    List(Client, Packet),
+    Open(Client, Packet, FileName),
+    Checksum(Client, Packet),
+    Remove(Client, Packet),
+    Store(Client, Packet),
+    Block { number: usize, serial: u32, offset: u64 },
+}
 
 /// What a session reads or writes.
 #[derive(Debug)]

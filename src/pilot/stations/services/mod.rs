@@ -69,7 +69,7 @@ pub(crate) enum Purpose {
     Forget(Client),
     SavePlan(Plan),
     LoadPlan(Plan),
-    Ftp(ftp::Job),
+    Ftp(ftp_stream::Job),
     Logs(logs::Job),
     Program(programs::Job),
 }
