@@ -48,8 +48,8 @@ impl Count {
 pub(crate) struct Speakers {
     ours: Option<Count>,
     other: Option<Count>,
-    /// Where ours was before it left numbers out, and when it did.
-    before: Option<(u8, HostTime)>,
+    /// Where ours was before it left numbers out, where it went on, and when it did.
+    before: Option<(u8, u8, HostTime)>,
     /// When ours last went on beside the other.
     beside: Option<HostTime>,
 }
@@ -63,24 +63,25 @@ impl Speakers {
             return Some(0);
         };
         let ahead = ours.ahead(sequence);
-        let after_all = |(before, left_at): &mut (u8, HostTime)| {
+        let after_all = |(before, _, left_at): &mut (u8, u8, HostTime)| {
             ahead != 0
                 && sequence == before.wrapping_add(1)
                 && at.seconds_since(*left_at) < SILENT_S
         };
         let believed = self.other.as_mut().filter(|other| other.followed >= FOLLOWED);
-        if self.before.take_if(after_all).is_some() {
-            // Nothing was missing: what seemed to go on was another's.
-            self.other = Some(Count { followed: FOLLOWED, ..*ours });
+        if let Some((_, first, _)) = self.before.take_if(after_all) {
+            // Nothing was missing: what seemed to go on was overtaken, or another's, if that goes on as well.
+            let followed =
+                self.other.filter(|other| other.ahead(first) == 0).map_or(0, |o| o.followed + 1);
+            self.other = Some(Count { followed, ..*ours });
             *ours = Count { newest: sequence, at, ..*ours };
-            self.beside = Some(at);
             return Some(0);
         }
         if let Some(other) = believed.filter(|other| ahead != 0 && other.ahead(sequence) == 0) {
             other.take(at, sequence);
         } else if ours.goes_on(at, sequence) {
             if ahead > 0 {
-                self.before = Some((ours.newest, at));
+                self.before = Some((ours.newest, sequence, at));
             }
             ours.take(at, sequence);
             if self.other.is_some_and(|other| other.followed >= FOLLOWED) {
@@ -146,6 +147,21 @@ mod tests {
         let mixed: Vec<u8> = (0..=255).filter(|from| !apart(*from)).collect();
         // Where its first number happens to be the next of ours nothing tells them apart.
         assert!(mixed.len() <= 8, "{mixed:?}");
+    }
+
+    #[test]
+    fn regress_frames_that_overtake_each_other_are_all_heard() {
+        let mut speakers = Speakers::default();
+        let mut at_us = 0;
+        for pair in 0..2000_u32 {
+            let swapped = pair % 7 == 0 || pair % 50 < 2;
+            for n in if swapped { [1, 0] } else { [0, 1] } {
+                at_us += 1500;
+                let sequence = (2 * pair + n).to_le_bytes()[0];
+                assert!(speakers.note(HostTime::from_us(at_us), sequence).is_some(), "{pair}");
+                assert!(!speakers.second_speaks(HostTime::from_us(at_us)), "{pair}");
+            }
+        }
     }
 
     #[test]
