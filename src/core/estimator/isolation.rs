@@ -41,7 +41,7 @@ use super::config::Isolation as Config;
 use crate::time::HostTime;
 
 const SIZE: usize = 3 + MOST_ANCHORS;
-type Normal = SMatrix<f64, SIZE, SIZE>;
+pub(super) type Normal = SMatrix<f64, SIZE, SIZE>;
 type Unknowns = SVector<f64, SIZE>;
 
 /// Fewer anchors do not find one out: of 6 differences a position takes 3 and the suspect 1, and the
@@ -331,7 +331,9 @@ impl Isolation {
             let std_m = std_bias_m(i);
             information[(3 + i, 3 + i)] += 1.0 / (std_m * std_m);
         }
-        let covariance = information.cholesky()?.inverse();
+        let noted = (0..MOST_ANCHORS).rev().find(|i| self.normal[(3 + i, 3 + i)] > 0.0);
+        let live = noted.map_or(3, |last| 3 + last + 1);
+        let covariance = inverse(information.cholesky()?.l_dirty(), live);
         let x = covariance * self.right * scale;
         let mut doubts = [0.0; MOST_ANCHORS];
         for i in (0..MOST_ANCHORS).filter(|i| heard[*i]) {
@@ -344,6 +346,47 @@ impl Isolation {
         let out = self.out;
         x.iter().all(|v| v.is_finite()).then_some(Fitted { x, out, doubts, position_var, bias_var })
     }
+}
+
+/// Inverse of a matrix by its Cholesky factor, of which no more than the first `live` rows hold anything beside their diagonal. To
+/// the last bit that of the general solver (nalgebra 0.35), whose sums are taken in the same order and by the same eights; what is
+/// zero is left out, which of eight anchors is seven eighths.
+pub(super) fn inverse(L: &Normal, live: usize) -> Normal {
+    let mut covariance = Normal::zeros();
+    for c in 0..SIZE {
+        let end = if c < live { live } else { c + 1 };
+        let x = &mut covariance.data.0[c];
+        x[c] = 1.0;
+        // L y = e, forward, then Lᵀ x = y, back.
+        for i in c..end {
+            let column = &L.data.0[i];
+            x[i] /= column[i];
+            let y = x[i];
+            for (x, l) in x[i + 1..end].iter_mut().zip(&column[i + 1..end]) {
+                *x -= y * l;
+            }
+        }
+        for i in (0..end).rev() {
+            let column = &L.data.0[i];
+            let eights = (SIZE - 1 - i) / 8 * 8;
+            let mut by_lane = [0.0; 8];
+            let (mut rest, terms) = (0.0, column[i + 1..end].iter().zip(&x[i + 1..end]));
+            let mut after = [0.0; 8];
+            for (n, (l, x)) in terms.enumerate() {
+                if n < eights {
+                    by_lane[n % 8] += l * x;
+                } else {
+                    after[n - eights] = l * x;
+                }
+            }
+            for n in 0..4 {
+                rest += by_lane[n] + by_lane[n + 4];
+            }
+            let sum = after.iter().fold(rest, |sum, term| sum + term);
+            x[i] = (x[i] - sum) / column[i];
+        }
+    }
+    covariance
 }
 
 struct Fitted {

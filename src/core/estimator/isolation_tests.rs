@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::bias::Pair;
 use super::filter_tests::{Run, middle, quiet};
-use super::isolation::{Isolation, LeaveOut};
+use super::isolation::{Isolation, LeaveOut, Normal, inverse};
 use super::truth::{Noise, Truth, hall};
 use super::*;
 use crate::measure::Tdoa;
@@ -305,4 +305,18 @@ fn regress_after_a_loss_in_the_air_health_waits_until_the_estimate_has_settled()
     assert_eq!(landed.misgiving(now), None);
     run.fly(5.0);
     assert_eq!(run.estimator.estimate().health, Health::Good);
+}
+
+#[test]
+fn val_the_inverse_is_that_of_the_general_solver_to_the_last_bit() {
+    for anchors in [0, 1, 5, 6, 8, 13, MOST_ANCHORS] {
+        let live = 3 + anchors;
+        let half = Normal::from_fn(|i, j| match i.max(j) < live {
+            true => ((31 * i + 7 * j + anchors) as f64).sin() + if i == j { 2.0 } else { 0.0 },
+            false => f64::from(u8::from(i == j)) * 1.7,
+        });
+        let factor = (half * half.transpose()).cholesky().unwrap();
+        let ours = inverse(factor.l_dirty(), live).map(f64::to_bits);
+        assert_eq!(ours, factor.inverse().map(f64::to_bits), "{anchors} anchors");
+    }
 }

@@ -221,7 +221,7 @@ mod tests {
         let scene = Scene::lab().unwrap();
         let items = missions::plain(&scene);
         let library: Vec<_> =
-            library::standard().into_iter().filter(|s| ["P1", "M1"].contains(&s.id)).collect();
+            library::standard().into_iter().filter(|s| ["P1", "U2"].contains(&s.id)).collect();
         let size = BankSize { seeds: 1, jitter: 12, draws: 6 };
         let recipe = Recipe { scene: &scene, items: &items, library: &library, size, seed: 1 };
         let at_once = tempfile::tempdir().unwrap();

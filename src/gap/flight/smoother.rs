@@ -23,6 +23,9 @@ use haltere_core::topics::UwbRecord;
 const N: usize = 10;
 type Mat = SMatrix<f64, N, N>;
 type Vec10 = SVector<f64, N>;
+/// What b and β do to p and v in a step; the rest of a transition is the identity, and v that moves p for the step. Whole, those
+/// of a flight were a third of what an observation asks of memory.
+type Transition = SMatrix<f64, 6, 4>;
 
 /// White noise of the averaged specific force, m/s²/√Hz: rest of the beat, errors of attitude.
 const ACC_NOISE: f64 = 0.10;
@@ -110,7 +113,7 @@ pub fn grid_tdoa(trace: &Trace, line: &Timeline) -> Vec<GridTdoa> {
 #[derive(Debug, Default)]
 pub struct Gains {
     /// Transition to the next point.
-    step: Vec<Mat>,
+    step: Vec<Transition>,
     /// Gain of the step's position, and the inverse of its information.
     gain: Vec<Option<(SMatrix<f64, N, 3>, Matrix3<f64>)>>,
     /// Backward gain.
@@ -223,7 +226,7 @@ fn heights_by_air(trace: &Trace, line: &Timeline, rest_z_m: f64) -> Vec<Option<f
 }
 
 /// One step of the state and its covariance; returns the transition.
-fn predict(x: &mut Vec10, P: &mut Mat, line: &Timeline, k: usize) -> Mat {
+fn predict(x: &mut Vec10, P: &mut Mat, line: &Timeline, k: usize) -> Transition {
     let dt = STEP_S;
     let p = x.fixed_rows::<3>(0).into_owned();
     let v = x.fixed_rows::<3>(3).into_owned();
@@ -237,16 +240,15 @@ fn predict(x: &mut Vec10, P: &mut Mat, line: &Timeline, k: usize) -> Mat {
     let a = push + Vector3::new(0.0, 0.0, G_MPS2);
     x.fixed_rows_mut::<3>(0).copy_from(&(p + v * dt + a * (0.5 * dt * dt)));
     x.fixed_rows_mut::<3>(3).copy_from(&(v + a * dt));
-    let mut F = Mat::identity();
+    let mut F = Transition::zeros();
     let by_north = Vector3::new(-push.y, push.x, 0.0);
     for i in 0..3 {
-        F[(i, 3 + i)] = dt;
         for j in 0..3 {
-            F[(i, 6 + j)] = -0.5 * dt * dt * R[(i, j)];
-            F[(3 + i, 6 + j)] = -dt * R[(i, j)];
+            F[(i, j)] = -0.5 * dt * dt * R[(i, j)];
+            F[(3 + i, j)] = -dt * R[(i, j)];
         }
-        F[(i, 9)] = 0.5 * dt * dt * by_north[i];
-        F[(3 + i, 9)] = dt * by_north[i];
+        F[(i, 3)] = 0.5 * dt * dt * by_north[i];
+        F[(3 + i, 3)] = dt * by_north[i];
     }
     // F (F P)ᵀ = F P Fᵀ, for P is symmetric.
     let mut Q = apply(&F, &apply(&F, P).transpose());
@@ -260,15 +262,15 @@ fn predict(x: &mut Vec10, P: &mut Mat, line: &Timeline, k: usize) -> Mat {
     F
 }
 
-/// `F M`, knowing which entries of the transition are not those of the identity.
-fn apply<const C: usize>(F: &Mat, M: &SMatrix<f64, N, C>) -> SMatrix<f64, N, C> {
+/// `F M`.
+fn apply<const C: usize>(F: &Transition, M: &SMatrix<f64, N, C>) -> SMatrix<f64, N, C> {
     let mut out = *M;
     for c in 0..C {
         for i in 0..3 {
-            let (mut p, mut v) = (F[(i, 3 + i)] * M[(3 + i, c)], 0.0);
-            for j in 6..N {
-                p += F[(i, j)] * M[(j, c)];
-                v += F[(3 + i, j)] * M[(j, c)];
+            let (mut p, mut v) = (STEP_S * M[(3 + i, c)], 0.0);
+            for j in 0..4 {
+                p += F[(i, j)] * M[(6 + j, c)];
+                v += F[(3 + i, j)] * M[(6 + j, c)];
             }
             out[(i, c)] += p;
             out[(3 + i, c)] += v;
