@@ -391,6 +391,9 @@ fn look_for_board() -> Option<Address> {
             Err(why) => say(&format!("board: {why}")),
         }
     }
+    if let Err(why) = crate::live::radio::find() {
+        say(&format!("board: for a Crazyflie: {why}"));
+    }
     None
 }
 

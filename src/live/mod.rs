@@ -39,6 +39,7 @@ pub mod usb;
 mod usb_device;
 
 pub use by_hand::ByHand;
+pub(crate) use packets::apart;
 pub use stop::Stop;
 
 use std::path::PathBuf;

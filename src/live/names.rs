@@ -6,16 +6,11 @@
 
 use std::path::{Path, PathBuf};
 
-use haltere_dialect::crtp::packet::{MAX_PACKET, Packet, Place};
+use haltere_dialect::crtp::packet::{Packet, Place};
 use haltere_dialect::crtp::toc::{Table, TocAnswer, TocRequest};
 use haltere_dialect::crtp::{FromBoard, ToBoard};
-use sha2::{Digest as _, Sha256};
 
-use haltere_log::{intake, written};
-
-const DIGEST_BYTES: usize = 32;
-/// Longest file: more names than ids have place for would not be one.
-const MOST_BYTES: u64 = 1 << 20;
+use crate::store::cache;
 
 /// A table as the board tells it.
 #[derive(Debug, Default)]
@@ -58,14 +53,9 @@ pub(super) struct Names {
 }
 
 impl Names {
-    /// In the cache of the user, or of the service.
+    /// In the cache of the service or the user.
     pub(super) fn usual() -> Self {
-        let of = |name: &str| std::env::var_os(name).filter(|path| !path.is_empty());
-        let own = of("CACHE_DIRECTORY").map(PathBuf::from);
-        let cache = of("XDG_CACHE_HOME").map(PathBuf::from);
-        let home = || of("HOME").map(|home| PathBuf::from(home).join(".cache"));
-        let cache = || Some(cache.or_else(home)?.join("haltere"));
-        Self::below(own.or_else(cache).map(|folder| folder.join("crazyflie")))
+        Self::below(cache::folder().map(|folder| folder.join("crazyflie")))
     }
 
     /// In this folder.
@@ -126,17 +116,9 @@ fn file(folder: &Path, table: Table, known: &Known) -> PathBuf {
     folder.join(format!("{of}-{:08x}-{}", known.crc, known.count))
 }
 
-/// Nobody misses it: the board is asked again.
 fn keep(folder: Option<&Path>, table: Table, known: &Known) {
     let Some(folder) = folder else { return };
-    let digest = Sha256::digest(&known.names);
-    let path = file(folder, table, known);
-    let kept = std::fs::create_dir_all(folder).map_err(|error| error.to_string()).and_then(|()| {
-        let none: [&Path; 0] = [];
-        written::write(&path, [&digest[..], &known.names].concat(), &none)
-            .map_err(|error| error.to_string())
-    });
-    if let Err(why) = kept {
+    if let Err(why) = cache::keep(&file(folder, table, known), &known.names) {
         tracing::debug!("names of the board are not kept: {why}");
     }
 }
@@ -144,20 +126,12 @@ fn keep(folder: Option<&Path>, table: Table, known: &Known) {
 /// `Err`: the file is none of ours, or broken.
 fn kept(folder: &Path, table: Table, asked: &Known) -> Result<Option<Known>, PathBuf> {
     let path = file(folder, table, asked);
-    let bytes = match intake::bytes(&path, MOST_BYTES) {
-        Ok(bytes) => bytes,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        Err(_) => return Err(path),
-    };
-    let Some((digest, names)) = bytes.split_at_checked(DIGEST_BYTES) else { return Err(path) };
-    if digest != &Sha256::digest(names)[..] {
-        return Err(path);
-    }
+    let Ok(names) = cache::kept(&path) else { return Err(path) };
+    let Some(names) = names else { return Ok(None) };
     let mut known = Known { count: asked.count, crc: asked.crc, ..Known::default() };
-    let all = super::packets::apart(names).all(|name| {
-        name.len() <= MAX_PACKET
-            && Packet::read(name).is_ok_and(|packet| known.learn(table, &packet))
-    });
+    let mut packets = super::packets::apart(&names);
+    let all =
+        packets.all(|name| Packet::read(name).is_ok_and(|packet| known.learn(table, &packet)));
     let is_whole = all && known.is_whole() && known.names.len() == names.len();
     if is_whole { Ok(Some(known)) } else { Err(path) }
 }
@@ -219,7 +193,10 @@ mod tests {
         let mut flipped = good.clone();
         flipped[1000] ^= 1;
         let short = &good[..good.len() - 1];
-        let other = [&Sha256::digest(b"\x02ab")[..], b"\x02ab"].concat();
+        // Whole, and no names.
+        let other = folder.path().join("other");
+        cache::keep(&other, b"\x02ab").unwrap();
+        let other = std::fs::read(&other).unwrap();
         for bad in [&flipped[..], short, b"", b"something else", &other] {
             std::fs::write(&path, bad).unwrap();
             let mut names = Names::below(Some(folder.path().to_owned()));

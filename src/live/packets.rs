@@ -20,7 +20,7 @@ const PIECE: usize = 2048;
 const MOST_REQUESTS: usize = 16;
 
 /// Each packet of a piece that the core sends.
-pub(super) fn apart(mut bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
+pub(crate) fn apart(mut bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
     std::iter::from_fn(move || {
         let (len, rest) = bytes.split_first()?;
         let (packet, later) = rest.split_at_checked(usize::from(*len))?;
@@ -91,6 +91,14 @@ impl Waiting {
         let Ok(packet) = Packet::read(packet) else { return false };
         if packet.place() == Ok(Place::Attitude) {
             self.setpoint = Some((packet, at));
+            return true;
+        }
+        if packet.place() == Ok(Place::LinkEcho) {
+            // The round trip of one that waited says how long it waited.
+            self.requests.retain(|other| other.place() != Ok(Place::LinkEcho));
+        }
+        if self.requests.contains(&packet) {
+            // Asked again while the first was waiting.
             return true;
         }
         let has_room = self.requests.len() < MOST_REQUESTS;

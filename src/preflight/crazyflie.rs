@@ -3,13 +3,16 @@
 use std::net::UdpSocket;
 use std::time::{Duration, Instant};
 
+use haltere_dialect::crtp::link::Link;
 use haltere_dialect::crtp::loco::{self, AnchorPosition};
 use haltere_dialect::crtp::memory::{MemoryAnswer, MemoryRequest};
 use haltere_dialect::crtp::packet::Packet;
 use haltere_dialect::crtp::platform::{PlatformAnswer, PlatformRequest};
 use haltere_dialect::crtp::{FromBoard, ToBoard};
 
-use crate::live::{cable, radio};
+use super::Finding;
+use crate::live::{apart, cable, radio};
+use haltere_core::time::HostTime;
 use haltere_pilot::settings::{Address, RadioPlace};
 
 /// A question is repeated after this, and given up after that.
@@ -17,6 +20,10 @@ const AGAIN: Duration = Duration::from_millis(100);
 const PATIENCE: Duration = Duration::from_secs(1);
 /// One look at the link.
 const LOOK: Duration = Duration::from_millis(20);
+/// A trip that is longer is a silence, s; one in twenty that is slower than this is told, s: a control loop stands six of its
+/// periods (the link itself refuses to arm by the median of the newest).
+const SILENT_S: f64 = 2.0;
+const SLOW_S: f64 = 0.06;
 /// Anchors of TDoA2.
 const ANCHORS: u8 = 8;
 /// Room for one packet of any link.
@@ -157,6 +164,37 @@ fn loco_memory(way: &mut Way) -> Result<Option<u8>, String> {
     Ok(None)
 }
 
+/// Round trips of the echoes in what came at `at`, s: each has the time in it at which it was sent.
+pub fn trips_s(at: HostTime, bytes: &[u8]) -> impl Iterator<Item = f64> {
+    apart(bytes).filter_map(move |packet| {
+        let packet = Packet::read(packet).ok()?;
+        let Ok(FromBoard::Link(Link::Echo(sent))) = FromBoard::decode(&packet) else { return None };
+        let sent = HostTime::from_us(u64::from_le_bytes(sent.try_into().ok()?));
+        Some(at.seconds_since(sent)).filter(|trip_s| (0.0..SILENT_S).contains(trip_s))
+    })
+}
+
+/// How long the vehicle takes to answer.
+pub fn echo(trips_s: &[f64]) -> Finding {
+    let what = "board: echo";
+    let mut sorted = trips_s.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let at = |share: f64| sorted.get(((sorted.len() as f64 - 1.0) * share).round() as usize);
+    let (Some(median_s), Some(most_s)) = (at(0.5), at(0.95)) else {
+        return Finding::problem(what, "none came back", "switch the vehicle on, go nearer");
+    };
+    let n = sorted.len();
+    let text =
+        format!("back after {:.0} ms, 95 % within {:.0} ms, of {n}", median_s * 1e3, most_s * 1e3);
+    if *most_s > SLOW_S {
+        let way_out =
+            "go nearer with the dongle, take another channel, or 2M; flash the dongle anew";
+        Finding::warning(what, text, way_out)
+    } else {
+        Finding::ok(what, text)
+    }
+}
+
 /// Whether anything is plugged in that may lead to one.
 pub fn may_be_there() -> bool {
     cable::find().is_ok() || radio::find().is_ok()
@@ -169,13 +207,8 @@ pub fn look(mut say: impl FnMut(&str)) -> Option<Address> {
         say("board: a Crazyflie is on USB");
         return Some(Address::CrtpUsb);
     }
-    let dongles = match radio::find() {
-        Ok(dongles) => dongles,
-        Err(why) => {
-            say(&format!("board: {why}, or name another board with --board"));
-            return None;
-        }
-    };
+    // Of who has another board nobody should ask for a dongle: that is said where nothing else is found.
+    let dongles = radio::find().ok()?;
     for (n, dongle) in (0..).zip(dongles) {
         let factory = RadioPlace { dongle: n, ..RadioPlace::FACTORY };
         say(&format!("board: {dongle}, listening on all channels (some seconds)"));
@@ -199,4 +232,29 @@ pub fn look(mut say: impl FnMut(&str)) -> Option<Address> {
         }
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::preflight::Status;
+
+    #[test]
+    fn prop_echoes_tell_how_slow_the_way_is() {
+        let sent = HostTime::from_us(5_000_000);
+        let echo_of = |us: u64| {
+            let packet = ToBoard::Link(Link::Echo(&us.to_le_bytes())).encode().unwrap();
+            [&[packet.bytes().len() as u8], packet.bytes()].concat()
+        };
+        let bytes = [echo_of(sent.as_us()), echo_of(sent.as_us() - 4_000), echo_of(1)].concat();
+        let all: Vec<f64> = trips_s(sent.offset_us(3_000), &bytes).collect();
+        assert_eq!(
+            all,
+            [3000.0 * 1e-6, 7000.0 * 1e-6],
+            "an echo of a start before this one is none"
+        );
+        assert_eq!(echo(&all).status, Status::Ok);
+        assert_eq!(echo(&[0.004, 0.1, 0.1]).status, Status::Warning);
+        assert_eq!(echo(&[]).status, Status::Problem);
+    }
 }

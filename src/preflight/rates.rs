@@ -3,7 +3,7 @@
 //!
 //! The board is asked for its streams and for its time, as before a flight. It is never armed.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use haltere_dialect::lps::sniffer::SnifferDecoder;
 use haltere_dialect::mav::haltere::MavMessage;
 use haltere_dialect::mav_stream::MavSplitter;
 
-use super::Finding;
+use super::{Finding, crazyflie};
 use crate::live::{self, Stop};
 use crate::sources::Loaded;
 use haltere_core::time::HostTime;
@@ -21,6 +21,8 @@ use haltere_pilot::{BoardProfile, Lines, LinkId, Look, Quantity, TagProtocol};
 
 /// Time in which links open and streams begin, s; it is not counted.
 const SETTLE_S: f64 = 2.0;
+/// The same where a board is asked hundreds of names first, one after the other, s.
+const SETTLE_CRAZYFLIE_S: f64 = 10.0;
 /// Packets of one anchor, 1/s, below which positions suffer: half of TDoA 2 with eight anchors sends 60.
 const LEAST_ANCHOR_HZ: f64 = 10.0;
 /// Rates that the board must reach, Hz (INTERFACES section 2): inertial, attitude, battery.
@@ -29,6 +31,8 @@ const LEAST_ATTITUDE_HZ: f64 = 50.0;
 const LEAST_BATTERY_HZ: f64 = 2.0;
 /// Of a Crazyflie's rows at 100 Hz, of which a radio may lose some.
 const CRAZYFLIE_IMU_HZ: f64 = 80.0;
+/// Severity up to which a text warns (MAVLink).
+const WARNING: u32 = 4;
 /// The board's clock is good enough when known to this, s: a fifth of a control period.
 const CLOCK_S: f64 = 0.002;
 
@@ -47,6 +51,10 @@ struct Heard {
     heartbeats: u64,
     std_board_clock_s: Option<f64>,
     late: Option<(u64, u64)>,
+    /// Round trips of a Crazyflie's echoes, s.
+    trips_s: Vec<f64>,
+    /// What was warned of a Crazyflie.
+    warnings: BTreeSet<String>,
     /// Whoever speaks, with which reader ever.
     lines: Lines,
     /// The table of what is known at rest, at the end.
@@ -74,7 +82,7 @@ fn listen(loaded: &Loaded, seconds: f64, directory: PathBuf) -> Result<Heard, St
     let stop = Stop::default();
     let timer = {
         let stop = stop.clone();
-        let wait = Duration::from_secs_f64(SETTLE_S + seconds);
+        let wait = Duration::from_secs_f64(settle_s(quiet.config.tag.protocol) + seconds);
         std::thread::spawn(move || {
             std::thread::sleep(wait);
             stop.stop();
@@ -93,8 +101,12 @@ fn listen(loaded: &Loaded, seconds: f64, directory: PathBuf) -> Result<Heard, St
     Ok(heard)
 }
 
+fn settle_s(protocol: TagProtocol) -> f64 {
+    if protocol == TagProtocol::Crazyflie { SETTLE_CRAZYFLIE_S } else { SETTLE_S }
+}
+
 fn count(log: &LogReader, protocol: TagProtocol) -> Heard {
-    let begin = log.session().pilot_started_at.offset_us((SETTLE_S * 1e6) as i64);
+    let begin = log.session().pilot_started_at.offset_us((settle_s(protocol) * 1e6) as i64);
     let mut heard = Heard::default();
     let mut last = begin;
     let mut sniffer = SnifferDecoder::new();
@@ -133,6 +145,9 @@ fn count(log: &LogReader, protocol: TagProtocol) -> Heard {
                     LinkId::Board => {
                         heard.board_bytes += if counts { bytes.len() as u64 } else { 0 };
                         heard.lines.board.hear(&bytes);
+                        if protocol == TagProtocol::Crazyflie && counts {
+                            heard.trips_s.extend(crazyflie::trips_s(at, &bytes));
+                        }
                         each_message(&mut board, &bytes, |message| {
                             if counts && matches!(message, MavMessage::HEARTBEAT(_)) {
                                 heard.heartbeats += 1;
@@ -170,6 +185,9 @@ fn decoded_one(heard: &mut Heard, decoded: &Decoded, begin: HostTime) {
         Decoded::Imu(_) => heard.imu += 1,
         Decoded::BoardAttitude(_) => heard.attitude += 1,
         Decoded::Battery(_) => heard.battery += 1,
+        Decoded::Text(text) if text.severity <= WARNING => {
+            heard.warnings.insert(text.text.clone());
+        }
         Decoded::Uwb(uwb) => {
             let ids = [uwb.anchor_a, uwb.anchor_b].map(|id| u8::try_from(id).unwrap_or(u8::MAX));
             ids.iter().for_each(|id| *heard.differences.entry(*id).or_default() += 1);
@@ -191,7 +209,7 @@ fn judge(loaded: &Loaded, heard: &Heard) -> Vec<Finding> {
         findings.extend(tag(loaded, heard));
     }
     if loaded.config.board.profile == BoardProfile::Crazyflie {
-        findings.extend(crazyflie(heard));
+        findings.extend(of_crazyflie(heard));
     } else if misplaced.is_none() || heard.heartbeats > 0 {
         findings.extend(board(heard));
     }
@@ -275,7 +293,7 @@ fn tag(loaded: &Loaded, heard: &Heard) -> Vec<Finding> {
 }
 
 /// What the link to it would let nobody arm with, and its rates.
-fn crazyflie(heard: &Heard) -> Vec<Finding> {
+fn of_crazyflie(heard: &Heard) -> Vec<Finding> {
     let row = heard.at_rest.iter().find(|(row, _)| row.name == "board");
     let mut findings = vec![match row {
         Some((_, Look::Refused(why))) => {
@@ -297,6 +315,9 @@ fn crazyflie(heard: &Heard) -> Vec<Finding> {
             Finding::ok(what, text)
         });
     }
+    findings.push(crazyflie::echo(&heard.trips_s));
+    let warned = heard.warnings.iter();
+    findings.extend(warned.map(|text| Finding::warning("board", text, "docs/CRAZYFLIE.md")));
     findings
 }
 

@@ -11,6 +11,7 @@
 //! is replaced is replaced whole: a power cut at any moment leaves the old or the new.
 
 mod atomic;
+pub mod cache;
 
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read as _, Seek as _, SeekFrom};

@@ -5,7 +5,7 @@ use super::*;
 use crate::board::Firmware;
 use crate::board::crazyflie::Build;
 use crate::faults::{CrazyflieFault as Breaks, Fault};
-use haltere_pilot::{BoardProfile, LinkId, TagProtocol};
+use haltere_pilot::{BoardProfile, Input, LinkId, TagProtocol};
 
 /// Share of packets that a radio loses and their largest age, s.
 type Radio = [f64; 2];
@@ -188,6 +188,35 @@ fn prop_each_failure_has_its_end_and_its_words() {
             assert_stands(&world, &texts);
         }
     }
+}
+
+/// Its driver tells when it is gone and when it is back; the board has waited for 0.7 s, and flies on level by itself.
+#[test]
+fn prop_a_dongle_that_is_put_in_again_lands_it() {
+    let link = LinkId::Board;
+    let (mut world, mut ground) = (crazyflie(1, Build::Flapper, [0.0, 0.0]), Ground::new());
+    let mut changes = [
+        (0, Breaks::DongleOut(true), Input::LinkDown { link }),
+        (700_000, Breaks::DongleOut(false), Input::LinkUp { link }),
+    ]
+    .into_iter()
+    .peekable();
+    let mut since_us = None;
+    fly(&mut world, &mut ground, |world| {
+        if since_us.is_none() && world.pilot().mission_progress()[0] >= 2 {
+            since_us = Some(world.t_us());
+        }
+        let due = |(after_us, ..): &(u64, Breaks, Input<'_>)| {
+            since_us.is_some_and(|us| world.t_us() >= us + after_us)
+        };
+        if let Some((_, breaks, input)) = changes.next_if(due) {
+            world.plant_mut().inject(Fault::Crazyflie(breaks)).unwrap();
+            world.input(input);
+        }
+    });
+    let texts = said(&mut world, &mut ground);
+    assert_stands(&world, &texts);
+    assert!(texts.iter().any(|text| text.contains("IMU is back")), "{texts:#?}");
 }
 
 /// What forbids arming, and what is only told.

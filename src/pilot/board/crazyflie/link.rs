@@ -293,6 +293,13 @@ impl Crazyflie {
             if self.setup.is_first() {
                 told.push(Told::Notice { warning: false, text: self.name() });
             }
+            if self.setup.is_old() {
+                let firmware = &self.setup.firmware;
+                let text = format!(
+                    "board has firmware {firmware}, which may lock itself after a landing: {FLASH}"
+                );
+                told.push(Told::warning(text));
+            }
             for (group, name, _) in self.setup.ids.missing().filter(|(_, _, must)| !must) {
                 let text = format!("board has no log variable {group}.{name}: flown without");
                 told.push(Told::Notice { warning: false, text });

@@ -129,6 +129,13 @@ impl Setup {
         }
     }
 
+    /// Whether its firmware is older than what is promised. What somebody has built has no such tag.
+    pub fn is_old(&self) -> bool {
+        let mut parts = self.firmware.split(|c: char| !c.is_ascii_digit());
+        let mut part = || parts.next()?.parse::<u32>().ok();
+        matches!((part(), part()), (Some(year), Some(month)) if [year, month] < OLDEST)
+    }
+
     /// How far it is, for people.
     pub fn progress(&self) -> String {
         match self.next {
@@ -466,8 +473,10 @@ impl Setup {
     }
 }
 
-/// The way out where a name is missing: the oldest release that sets log blocks up in milliseconds and does not lock
-/// when it is disarmed after a landing (PR 1426).
+/// Year and month of the oldest release that is promised: it sets log blocks up in milliseconds, and does not lock when it
+/// is disarmed after a landing (PR 1426).
+const OLDEST: [u32; 2] = [2024, 10];
+/// The way out where a name is missing.
 pub(crate) const FLASH: &str =
     "flash the vehicle, not the dongle or the anchors, with release 2024.10 or later";
 

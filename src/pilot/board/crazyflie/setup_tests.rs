@@ -214,3 +214,19 @@ fn prop_what_is_missing_is_told_once_and_nothing_repeats_for_ever() {
     assert!(told.contains("board does not answer about log variables: restart it"), "{told}");
     assert!(setup.told.len() <= 3, "{told}");
 }
+
+#[test]
+fn prop_an_old_release_is_known_by_its_tag() {
+    for (tag, is_old) in [
+        ("2023.11", true),
+        ("2024.09.1", true),
+        ("2024.10", false),
+        ("2026.08", false),
+        ("2024.2 +17", true),
+        ("main-1a2b3c", false),
+        ("", false),
+    ] {
+        let setup = Setup { firmware: tag.to_owned(), ..Setup::default() };
+        assert_eq!(setup.is_old(), is_old, "{tag}");
+    }
+}
