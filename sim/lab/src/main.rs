@@ -5,7 +5,8 @@
 //! Begin with `sim/lab/PROTOCOL.md`. `generator` is another world without shared physics, `cases` the sealed suite that is
 //! flown in it, `blind` its scorer (`hall.rs` answers before any key is opened), `withheld`, `retune` and `outside` what the
 //! diagnosis is compared with; `util_flights` runs the filter on recorded flights, `recorded` and
-//! `lines_of_sight` study them, `balance` weighs their forces, `crazypad` scores the diagnosis on real flights with known causes, `aids` and `tune` the estimator and
+//! `lines_of_sight` study them, `balance` weighs their forces, `crazypad` scores the diagnosis on real flights with known causes, `inject` effects at
+//! sensors that are applied to recordings, `aids` and `tune` the estimator and
 //! the gains; `paper` flies the experiments of the source, `beside` its steps in that other world. `faults` breaks
 //! what can break, `soak`, `flood` and `kills` measure the companion as a process, `speed` what flights cost.
 
@@ -20,6 +21,7 @@ mod crazypad;
 mod faults;
 mod flood;
 mod generator;
+mod inject;
 mod kills;
 mod lines_of_sight;
 mod outside;
@@ -77,6 +79,8 @@ enum Command {
     Balance(commands::balance::Balance),
     /// The diagnosis without a simulator on real flights with known causes, those of CrazyPAD.
     Crazypad(crazypad::Options),
+    /// Effects at sensors, applied to the recorded flights of UTIL and the Flapper, and whether they are named.
+    Inject(inject::Options),
     /// What the advice of `haltere gap advise` is worth.
     Advise(commands::advise::Advise),
     /// What magnetometer, barometer and survey check are worth, with and without, in lockstep:
@@ -124,6 +128,7 @@ fn main() -> ExitCode {
         Command::Sight(sight) => sight.run(),
         Command::Balance(balance) => balance.run(),
         Command::Crazypad(options) => crazypad::run(&options),
+        Command::Inject(options) => inject::run(&options),
         Command::Advise(advise) => advise.run(),
         Command::Aids(options) => aids::run(&options).map(code),
         Command::Faults(options) => faults::run(&options).map(code),

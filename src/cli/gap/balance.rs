@@ -9,9 +9,9 @@ use crate::report::gap::balance as page;
 use crate::vehicles;
 use haltere_gap::balance::{Hover, Report, diagnose};
 use haltere_gap::outcome::Outcome;
+use haltere_log::import::boards::{read_dataflash, read_ulog};
 use haltere_log::import::motors::{
-    self, Columns, Dropped, MotorFlight, MotorRow, read_dataflash, read_table, read_ulog,
-    read_usdlog,
+    self, Columns, Dropped, MotorFlight, MotorRow, read_table, read_usdlog,
 };
 use haltere_model::rotorcraft::Rotorcraft;
 

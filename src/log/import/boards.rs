@@ -1,10 +1,13 @@
 //! What the logs of PX4 and ArduPilot hold of a flight: commands of the motors in the order of the board's outputs, and beside each
 //! the last height, speed and voltage that were logged before it.
 
+use std::path::Path;
+
 use super::dataflash::{self, DataFlash};
 use super::events::Event;
-use super::motors::{Dropped, MOTORS, MotorFlight, MotorRow};
+use super::motors::{Dropped, Error, MOTORS, MotorFlight, MotorRow, bytes, refuse};
 use super::ulog::{self, ULog};
+use crate::log_file::shown_name;
 
 /// Pulses of an output between none and all, µs, where nothing else is told.
 const PULSE_US: [f64; 2] = [1000.0, 2000.0];
@@ -15,6 +18,16 @@ const OLDEST_S: f64 = 5.0;
 /// `SERVOn_FUNCTION` of the first motor, and how many outputs have one that is logged in `RCOU`.
 const FIRST_MOTOR: f64 = 33.0;
 const OUTPUTS: usize = 14;
+
+/// Reads a log of PX4 (`.ulg`), packed by gzip or not.
+pub fn read_ulog(path: &Path) -> Result<MotorFlight, Error> {
+    of_ulog(&bytes(path)?, &shown_name(path)).map_err(|what| refuse(path, what))
+}
+
+/// Reads a log of ArduPilot (`.bin`), packed by gzip or not.
+pub fn read_dataflash(path: &Path) -> Result<MotorFlight, Error> {
+    of_dataflash(&bytes(path)?, &shown_name(path)).map_err(|what| refuse(path, what))
+}
 
 /// Values on a clock of their own.
 struct Series {
@@ -104,7 +117,7 @@ fn are_pulses(columns: &[Vec<f64>; MOTORS]) -> bool {
 }
 
 /// The flight of a log of PX4: `actuator_motors` from version 1.13 on, else outputs that are pulses.
-pub(super) fn of_ulog(bytes: &[u8], name: &str) -> Result<MotorFlight, String> {
+fn of_ulog(bytes: &[u8], name: &str) -> Result<MotorFlight, String> {
     let wanted =
         ["actuator_motors", "actuator_outputs", "battery_status", "vehicle_local_position"];
     let log = ulog::parse(bytes, &wanted).map_err(|why| why.to_string())?;
@@ -145,7 +158,7 @@ fn px4_motors(log: &ULog) -> Option<(&Event, [Vec<f64>; MOTORS])> {
 }
 
 /// The flight of a log of ArduPilot: the outputs whose function is a motor.
-pub(super) fn of_dataflash(bytes: &[u8], name: &str) -> Result<MotorFlight, String> {
+fn of_dataflash(bytes: &[u8], name: &str) -> Result<MotorFlight, String> {
     let wanted = ["RCOU", "BAT", "CURR", "XKF1", "NKF1"];
     let log =
         dataflash::parse(bytes, &wanted).ok_or("holds no message of a log of ArduPilot (.bin)")?;

@@ -3,7 +3,7 @@
 //! Every layout is a file here; all signs and units of a layout are turned once, in its reader. What
 //! comes out is in our frames (NED, FRD) and SI. `docs/IMPORT.md` describes the layout of our own.
 
-mod boards;
+pub mod boards;
 mod bounded;
 pub mod columns;
 pub mod dataflash;

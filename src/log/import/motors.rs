@@ -1,6 +1,6 @@
 //! Flights of other people's multicopters, as what their motors were told: from any file to one neutral form.
 //!
-//! A file is `usdlog`, a log of PX4 or ArduPilot ([`super::boards`]), or a table of text whose columns a file of the user maps
+//! A file is `usdlog`, a log of PX4 or ArduPilot (`boards.rs`), or a table of text whose columns a file of the user maps
 //! (docs/IMPORT.md). What a file does not hold is not made up: it is missing, and who judges the flight says that it was not checked.
 
 use std::io::Read as _;
@@ -9,7 +9,6 @@ use std::path::{Path, PathBuf};
 use flate2::read::GzDecoder;
 use serde::Deserialize;
 
-use super::boards;
 use super::bounded::Bounded;
 use super::events::Event;
 use super::usdlog::{self, NoLog, UsdLog};
@@ -121,16 +120,6 @@ pub fn read_usdlog(path: &Path) -> Result<MotorFlight, Error> {
     of_usdlog(&log, &shown_name(path)).map_err(|what| refuse(path, what))
 }
 
-/// Reads a log of PX4 (`.ulg`), packed by gzip or not.
-pub fn read_ulog(path: &Path) -> Result<MotorFlight, Error> {
-    boards::of_ulog(&bytes(path)?, &shown_name(path)).map_err(|what| refuse(path, what))
-}
-
-/// Reads a log of ArduPilot (`.bin`), packed by gzip or not.
-pub fn read_dataflash(path: &Path) -> Result<MotorFlight, Error> {
-    boards::of_dataflash(&bytes(path)?, &shown_name(path)).map_err(|what| refuse(path, what))
-}
-
 /// Reads a table of text, packed by gzip or not.
 pub fn read_table(path: &Path, columns: &Columns) -> Result<MotorFlight, Error> {
     let bytes = bytes(path)?;
@@ -138,11 +127,11 @@ pub fn read_table(path: &Path, columns: &Columns) -> Result<MotorFlight, Error> 
         .map_err(|what| refuse(path, what))
 }
 
-fn refuse(path: &Path, what: impl ToString) -> Error {
+pub(super) fn refuse(path: &Path, what: impl ToString) -> Error {
     Error { path: path.into(), what: what.to_string() }
 }
 
-fn bytes(path: &Path) -> Result<Vec<u8>, Error> {
+pub(super) fn bytes(path: &Path) -> Result<Vec<u8>, Error> {
     let io = |why: std::io::Error| refuse(path, why);
     let bytes = intake::bytes(path, MOST_BYTES).map_err(io)?;
     if !bytes.starts_with(&GZIP) {

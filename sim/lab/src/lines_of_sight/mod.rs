@@ -248,12 +248,17 @@ fn blocked(
 
 /// A reading against geometry.
 #[derive(Debug, Clone, Copy)]
-struct Reading {
-    at_s: f64,
-    a: usize,
-    b: usize,
-    residual_m: f64,
-    pos_E_m: Vector3<f64>,
+pub struct Reading {
+    /// When, s since the first event.
+    pub at_s: f64,
+    /// Places of its anchors in the survey.
+    pub a: usize,
+    /// The second.
+    pub b: usize,
+    /// Measured less what geometry says, m.
+    pub residual_m: f64,
+    /// Where the tag was.
+    pub pos_E_m: Vector3<f64>,
 }
 
 fn windows(flight: &Flight) -> Vec<Window> {
@@ -298,23 +303,17 @@ fn windows(flight: &Flight) -> Vec<Window> {
 }
 
 /// Readings above the floor with their residuals, and how many had no pose or no anchor.
-fn readings(flight: &Flight) -> (Vec<Reading>, usize) {
+pub fn readings(flight: &Flight) -> (Vec<Reading>, usize) {
     let ids = flight.survey.ids();
-    let lever_B = lever_B_m(&flight.name);
     let begin = flight.events.first().map_or(HostTime::from_us(0), |e| e.at);
-    let mut poses: Vec<(f64, ReferencePose)> = Vec::new();
-    for event in &flight.events {
-        if let Sample::Pose(pose) = event.sample {
-            poses.push((event.at.seconds_since(begin) - POSE_LATE_S, pose));
-        }
-    }
+    let path = Path::of(flight);
     let mut found = Vec::new();
     let mut skipped = 0;
     for event in &flight.events {
         let Sample::Tdoa(tdoa) = event.sample else { continue };
         let at_s = event.at.seconds_since(begin);
         let place = |id: AnchorId| ids.iter().position(|i| *i == id);
-        let tag = tag_at(&poses, at_s, lever_B);
+        let tag = path.tag_at(at_s);
         let (Some(a), Some(b), Some(tag)) = (place(tdoa.anchor_a), place(tdoa.anchor_b), tag)
         else {
             skipped += 1;
@@ -334,18 +333,38 @@ fn readings(flight: &Flight) -> (Vec<Reading>, usize) {
     (found, skipped)
 }
 
-/// Antenna at a time, between two poses.
-fn tag_at(poses: &[(f64, ReferencePose)], at_s: f64, lever_B: Vec3<B>) -> Option<Vec3<E>> {
-    let after = poses.partition_point(|(t, _)| *t < at_s);
-    let (t1, p1) = poses.get(after)?;
-    let (t0, p0) = poses.get(after.checked_sub(1)?)?;
-    if t1 - t0 > BRIDGE_S {
-        return None;
+/// Where a flight was, by motion capture.
+pub struct Path {
+    /// Poses by their time, s since the first event.
+    pub poses: Vec<(f64, ReferencePose)>,
+    lever_B: Vec3<B>,
+}
+
+impl Path {
+    /// Of a flight.
+    pub fn of(flight: &Flight) -> Self {
+        let begin = flight.events.first().map_or(HostTime::from_us(0), |e| e.at);
+        let poses = flight.events.iter().filter_map(|event| match event.sample {
+            Sample::Pose(pose) => Some((event.at.seconds_since(begin) - POSE_LATE_S, pose)),
+            _ => None,
+        });
+        Self { poses: poses.collect(), lever_B: lever_B_m(&flight.name) }
     }
-    let share = (at_s - t0) / (t1 - t0);
-    let pos = p0.pos_E_m + (p1.pos_E_m - p0.pos_E_m) * share;
-    // Without attitude: level, which is wrong by 9 mm per 0.1 rad of tilt.
-    let nearest = if share < 0.5 { p0.attitude } else { p1.attitude };
-    let R_EB = nearest.unwrap_or(Rot::identity());
-    Some(pos + R_EB * lever_B)
+
+    /// Antenna at a time, between two poses.
+    pub fn tag_at(&self, at_s: f64) -> Option<Vec3<E>> {
+        let poses = &self.poses;
+        let after = poses.partition_point(|(t, _)| *t < at_s);
+        let (t1, p1) = poses.get(after)?;
+        let (t0, p0) = poses.get(after.checked_sub(1)?)?;
+        if t1 - t0 > BRIDGE_S {
+            return None;
+        }
+        let share = (at_s - t0) / (t1 - t0);
+        let pos = p0.pos_E_m + (p1.pos_E_m - p0.pos_E_m) * share;
+        // Without attitude: level, which is wrong by 9 mm per 0.1 rad of tilt.
+        let nearest = if share < 0.5 { p0.attitude } else { p1.attitude };
+        let R_EB = nearest.unwrap_or(Rot::identity());
+        Some(pos + R_EB * self.lever_B)
+    }
 }
