@@ -107,6 +107,9 @@ mod tests {
         waits.join().unwrap().unwrap();
         // The first one is gone, and the port with it.
         second.listen(Duration::from_secs(1)).unwrap();
+        let third = std::thread::spawn(move || GroundStation::connect(&address).map(drop));
+        second.listen(Duration::from_secs(1)).unwrap();
+        third.join().unwrap().unwrap();
         second.command(MavCmd::MAV_CMD_NAV_LAND, [f32::NAN; 7]).unwrap();
         stop.store(true, Relaxed);
         flies.join().unwrap();

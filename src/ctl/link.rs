@@ -72,12 +72,11 @@ impl Link {
     }
 
     /// Takes the port of which we were a guest, once it is free. Who speaks there is to be heard anew.
-    pub fn take_port(&mut self) {
-        if let Link::Guest { port, .. } = self
-            && let Ok(socket) = UdpSocket::bind(*port)
-        {
-            *self = Link::Udp { socket, peer: None };
-        }
+    pub fn take_port(&mut self) -> bool {
+        let Link::Guest { port, .. } = self else { return false };
+        let Ok(socket) = UdpSocket::bind(*port) else { return false };
+        *self = Link::Udp { socket, peer: None };
+        true
     }
 
     /// Whether nobody is known yet who could be spoken to.

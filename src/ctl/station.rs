@@ -24,6 +24,8 @@ use super::named;
 use super::vehicle::{LandedState, Vehicle};
 
 const OWN_COMPONENT: u8 = 190;
+/// Components of guests, one of those that are anybody's (MAV_COMP_ID_USER1 on): the vehicle counts the frames of each.
+const GUEST_COMPONENTS: std::ops::Range<u8> = 25..100;
 
 /// Two vehicles at one address have both been heard by so long after the first heartbeat: each has one a second.
 const LOOK_AROUND: Duration = Duration::from_millis(1500);
@@ -124,6 +126,8 @@ pub struct GroundStation {
     /// When it was last heard.
     heard: Instant,
     guests: Guests,
+    /// Ours.
+    component: u8,
     sequence: u8,
     started: Instant,
     heartbeat_due: Instant,
@@ -165,9 +169,13 @@ impl GroundStation {
 
     fn open(address: &str, ring: KeyRing) -> Result<Self, CtlError> {
         let now = Instant::now();
+        let link = Link::open(address)?;
+        let guest =
+            GUEST_COMPONENTS.start + std::process::id() as u8 % GUEST_COMPONENTS.len() as u8;
         Ok(Self {
             address: address.to_string(),
-            link: Link::open(address)?,
+            component: if link.is_guest() { guest } else { OWN_COMPONENT },
+            link,
             streams: Vec::new(),
             callers: Callers::default(),
             chosen: None,
@@ -272,7 +280,7 @@ impl GroundStation {
     /// Sends one message.
     pub fn send(&mut self, message: &MavMessage) -> Result<(), CtlError> {
         let mut bytes = Vec::with_capacity(64);
-        encode(&mut bytes, OWN_SYSTEM, OWN_COMPONENT, self.sequence, message);
+        encode(&mut bytes, OWN_SYSTEM, self.component, self.sequence, message);
         self.sequence = self.sequence.wrapping_add(1);
         // Two of us at once are two streams.
         let stream = std::process::id() as u8;
@@ -302,8 +310,9 @@ impl GroundStation {
                 .receive(&mut self.buffer, wait)
                 .map_err(|error| CtlError::Io { address: self.address.clone(), error })?;
             let knows_whom = self.chosen.is_some() || self.streams.is_empty();
-            if n == 0 && knows_whom && self.heard.elapsed() >= PORT_LEFT {
-                self.link.take_port();
+            if n == 0 && knows_whom && self.heard.elapsed() >= PORT_LEFT && self.link.take_port() {
+                self.streams.clear();
+                self.callers = Callers::default();
             }
             if from.is_some_and(|from| self.passes(n, from)) {
                 continue;
