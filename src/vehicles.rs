@@ -75,7 +75,7 @@ pub fn read(told: &Path) -> anyhow::Result<String> {
         false => format!(
             "vehicle {}: allowed are a file, or by name {}; `haltere vehicle print NAME > FILE` begins one of your own",
             told.display(),
-            names().join(", ")
+            [names(), rotorcraft_names()].concat().join(", ")
         ),
     })?;
     // What cannot be read at all is told where it is read.

@@ -10,8 +10,9 @@ pub const DECODED_LOG_B: f64 = 39e6;
 
 /// Says how much so many flights will leave in a folder.
 pub fn say_before(flights: usize, log_bytes: f64, folder: &Path) {
+    let leave = if flights == 1 { "flight leaves" } else { "flights leave" };
     eprintln!(
-        "{flights} flights leave about {} in {}",
+        "{flights} {leave} about {} in {}, by two minutes each",
         size(flights as f64 * log_bytes),
         folder.display()
     );

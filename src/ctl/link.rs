@@ -17,6 +17,8 @@ pub(super) const READ_BYTES: usize = 4096;
 pub(super) enum Link {
     /// Peer is known from the start, or chosen among those who spoke.
     Udp { socket: UdpSocket, peer: Option<SocketAddr> },
+    /// The port where the vehicle speaks is somebody else's, who may pass on what comes and what goes.
+    Guest { socket: UdpSocket, port: SocketAddr },
     /// Connected.
     Tcp(TcpStream),
 }
@@ -37,9 +39,15 @@ impl Link {
                 Ok(Link::Udp { socket, peer: Some(place) })
             }
             Address::UdpIn(at) => {
-                let socket = UdpSocket::bind(resolve(&at)?)
-                    .map_err(|why| CtlError::Listen { at: at.clone(), why })?;
-                Ok(Link::Udp { socket, peer: None })
+                let port = resolve(&at)?;
+                match UdpSocket::bind(port) {
+                    Ok(socket) => Ok(Link::Udp { socket, peer: None }),
+                    Err(why) if why.kind() == ErrorKind::AddrInUse && port.ip().is_loopback() => {
+                        let socket = UdpSocket::bind((port.ip(), 0)).map_err(io)?;
+                        Ok(Link::Guest { socket, port })
+                    }
+                    Err(why) => Err(CtlError::Listen { at, why }),
+                }
             }
             Address::TcpOut(to) => {
                 let stream =
@@ -58,6 +66,31 @@ impl Link {
         }
     }
 
+    /// Whether somebody else has our port.
+    pub fn is_guest(&self) -> bool {
+        matches!(self, Link::Guest { .. })
+    }
+
+    /// Takes the port of which we were a guest, once it is free. Who speaks there is to be heard anew.
+    pub fn take_port(&mut self) -> bool {
+        let Link::Guest { port, .. } = self else { return false };
+        let Ok(socket) = UdpSocket::bind(*port) else { return false };
+        *self = Link::Udp { socket, peer: None };
+        true
+    }
+
+    /// Whether nobody is known yet who could be spoken to.
+    pub fn lacks_peer(&self) -> bool {
+        matches!(self, Link::Udp { peer: None, .. })
+    }
+
+    /// Passes bytes of the vehicle on to somebody else. Who left meanwhile misses nothing.
+    pub fn pass_on(&self, bytes: &[u8], to: SocketAddr) {
+        if let Link::Udp { socket, .. } = self {
+            let _ = socket.send_to(bytes, to);
+        }
+    }
+
     /// Waits for bytes at most `timeout`; 0 bytes when none came. And where they came from, on a wire of many ends.
     pub fn receive(
         &mut self,
@@ -67,7 +100,7 @@ impl Link {
         // A zero timeout would mean "for ever".
         let timeout = Some(timeout.max(Duration::from_millis(1)));
         let result = match self {
-            Link::Udp { socket, .. } => {
+            Link::Udp { socket, .. } | Link::Guest { socket, .. } => {
                 socket.set_read_timeout(timeout)?;
                 socket.recv_from(buffer).map(|(n, from)| (n, Some(from)))
             }
@@ -100,10 +133,12 @@ impl Link {
     pub fn send(&mut self, bytes: &[u8]) -> std::io::Result<()> {
         match self {
             Link::Udp { peer: None, .. } => Ok(()),
-            Link::Udp { socket, peer: Some(peer) } => match socket.send_to(bytes, *peer) {
-                Err(e) if e.kind() != ErrorKind::ConnectionRefused => Err(e),
-                _ => Ok(()),
-            },
+            Link::Udp { socket, peer: Some(peer) } | Link::Guest { socket, port: peer } => {
+                match socket.send_to(bytes, *peer) {
+                    Err(e) if e.kind() != ErrorKind::ConnectionRefused => Err(e),
+                    _ => Ok(()),
+                }
+            }
             Link::Tcp(stream) => stream.write_all(bytes),
         }
     }

@@ -4,6 +4,7 @@
 //! outside, through the messages any ground station uses, and shares no code with the pilot.
 
 mod callers;
+mod guests;
 mod link;
 pub mod plan_file;
 mod station;
@@ -127,6 +128,14 @@ pub enum CtlError {
         /// How long.
         waited: Duration,
         /// What the vehicle said meanwhile.
+        texts: Vec<String>,
+    },
+    /// The vehicle has fallen silent.
+    #[error("no heartbeat for {} s: the companion is gone, or the way to it{}", silent.as_secs_f64(), quoted(texts))]
+    Gone {
+        /// How long.
+        silent: Duration,
+        /// What the vehicle said before.
         texts: Vec<String>,
     },
     /// The vehicle was down before its mission was done.

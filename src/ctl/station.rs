@@ -1,5 +1,6 @@
 //! The ground station itself: follows what the vehicle tells, sends commands until answered.
 
+use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -13,14 +14,18 @@ use haltere_dialect::mav_stream::{MavSplitter, encode};
 use haltere_dialect::signing::SigningKey;
 
 use haltere_pilot::guard::{KeyRing, Standing};
+use haltere_pilot::settings::Address;
 
 use super::CtlError;
 use super::callers::{AUTOPILOT, Caller, Callers, OWN_SYSTEM, Wanted};
+use super::guests::Guests;
 use super::link::{Link, READ_BYTES};
 use super::named;
 use super::vehicle::{LandedState, Vehicle};
 
 const OWN_COMPONENT: u8 = 190;
+/// Components of guests, one of those that are anybody's (MAV_COMP_ID_USER1 on): the vehicle counts the frames of each.
+const GUEST_COMPONENTS: std::ops::Range<u8> = 25..100;
 
 /// Two vehicles at one address have both been heard by so long after the first heartbeat: each has one a second.
 const LOOK_AROUND: Duration = Duration::from_millis(1500);
@@ -33,6 +38,10 @@ const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Wait for anything at all of who only wants to know: a vehicle on this computer has said a lot by then, and one behind a
 /// radio its heartbeat.
 const SILENCE: Duration = Duration::from_secs(2);
+/// A vehicle that says nothing at all for so long is gone: it has a heartbeat a second, a radio loses some of them.
+const GONE: Duration = Duration::from_secs(5);
+/// A guest that hears nothing for so long looks whether the port has become free: streams come many times a second.
+const PORT_LEFT: Duration = Duration::from_millis(300);
 /// Our own heartbeat: several a second, because a vehicle that flies on simulated time faster than real counts
 /// its own seconds without one.
 const HEARTBEAT_PERIOD: Duration = Duration::from_millis(200);
@@ -114,6 +123,11 @@ pub struct GroundStation {
     callers: Callers,
     /// The vehicle that we speak to.
     chosen: Option<Caller>,
+    /// When it was last heard.
+    heard: Instant,
+    guests: Guests,
+    /// Ours.
+    component: u8,
     sequence: u8,
     started: Instant,
     heartbeat_due: Instant,
@@ -155,12 +169,18 @@ impl GroundStation {
 
     fn open(address: &str, ring: KeyRing) -> Result<Self, CtlError> {
         let now = Instant::now();
+        let link = Link::open(address)?;
+        let guest =
+            GUEST_COMPONENTS.start + std::process::id() as u8 % GUEST_COMPONENTS.len() as u8;
         Ok(Self {
             address: address.to_string(),
-            link: Link::open(address)?,
+            component: if link.is_guest() { guest } else { OWN_COMPONENT },
+            link,
             streams: Vec::new(),
             callers: Callers::default(),
             chosen: None,
+            heard: now,
+            guests: Guests::default(),
             sequence: 0,
             started: now,
             heartbeat_due: now,
@@ -183,6 +203,8 @@ impl GroundStation {
         let began = Instant::now();
         let (mut deadline, mut heard) = (began + timeout, false);
         loop {
+            // Who has our port passes on at once, or never.
+            let silence = if self.link.is_guest() { SILENCE.min(silence) } else { silence };
             let patience = if self.streams.is_empty() { silence } else { timeout };
             let fitting = self.callers.fitting(wanted);
             if let Some(first) = fitting.first() {
@@ -195,6 +217,7 @@ impl GroundStation {
                         return Err(CtlError::Several { address: self.address.clone(), vehicles });
                     }
                     self.chosen = Some(*first);
+                    self.heard = Instant::now();
                     self.vehicle = self.callers.vehicle(first);
                     if let Some(from) = first.from {
                         self.link.speak_to(from);
@@ -202,6 +225,10 @@ impl GroundStation {
                     return Ok(());
                 }
             } else if began.elapsed() >= patience {
+                let unheard = self.link.is_guest() && self.streams.is_empty();
+                if let (true, Ok(Address::UdpIn(at))) = (unheard, self.address.parse()) {
+                    return Err(CtlError::Listen { at, why: ErrorKind::AddrInUse.into() });
+                }
                 let others = self.callers.fitting(&Wanted::default()).iter().map(named).collect();
                 return Err(CtlError::NoHeartbeat {
                     address: self.address.clone(),
@@ -253,7 +280,7 @@ impl GroundStation {
     /// Sends one message.
     pub fn send(&mut self, message: &MavMessage) -> Result<(), CtlError> {
         let mut bytes = Vec::with_capacity(64);
-        encode(&mut bytes, OWN_SYSTEM, OWN_COMPONENT, self.sequence, message);
+        encode(&mut bytes, OWN_SYSTEM, self.component, self.sequence, message);
         self.sequence = self.sequence.wrapping_add(1);
         // Two of us at once are two streams.
         let stream = std::process::id() as u8;
@@ -282,6 +309,14 @@ impl GroundStation {
                 .link
                 .receive(&mut self.buffer, wait)
                 .map_err(|error| CtlError::Io { address: self.address.clone(), error })?;
+            let knows_whom = self.chosen.is_some() || self.streams.is_empty();
+            if n == 0 && knows_whom && self.heard.elapsed() >= PORT_LEFT && self.link.take_port() {
+                self.streams.clear();
+                self.callers = Callers::default();
+            }
+            if from.is_some_and(|from| self.passes(n, from)) {
+                continue;
+            }
             let known = self.streams.iter().position(|(sender, _)| *sender == from);
             if known.is_none() && n > 0 && self.streams.len() < MOST_STREAMS {
                 self.streams.push((from, MavSplitter::new()));
@@ -290,6 +325,25 @@ impl GroundStation {
                 splitter.push(&self.buffer[..n]);
             }
         }
+    }
+
+    /// Passes what came on: the vehicle's to our guests, a guest's to the vehicle; only where there is no doubt whose
+    /// vehicle that is. Whether it was a guest's.
+    fn passes(&mut self, n: usize, from: SocketAddr) -> bool {
+        let Some(chosen) = self.chosen else { return false };
+        let bytes = self.buffer.get(..n).unwrap_or_default();
+        if chosen.from == Some(from) {
+            self.guests.places().for_each(|guest| self.link.pass_on(bytes, guest));
+            return false;
+        }
+        let is_guests = chosen.from.is_some()
+            && self.others().is_empty()
+            && self.guests.hear(from, bytes, Instant::now());
+        // What is lost is asked for again.
+        if is_guests {
+            let _ = self.link.send(bytes);
+        }
+        is_guests
     }
 
     /// The next message of the vehicle among the bytes that have come.
@@ -303,8 +357,20 @@ impl GroundStation {
                 let (system, component) = (frame.header.system_id, frame.header.component_id);
                 let Ok(message) = frame.decode() else { continue };
                 self.callers.hear(*from, system, component, &message);
+                if component != AUTOPILOT {
+                    continue;
+                }
+                // On a port that has become ours it speaks from an address of its own.
+                if let (Some(chosen), Some(place), true) =
+                    (&mut self.chosen, *from, self.link.lacks_peer())
+                    && chosen.system == system
+                {
+                    chosen.from = *from;
+                    self.link.speak_to(place);
+                }
                 let ours = |chosen: Caller| chosen.system == system && chosen.from == *from;
-                if component == AUTOPILOT && self.chosen.is_some_and(ours) {
+                if self.chosen.is_some_and(ours) {
+                    self.heard = Instant::now();
                     follow(&mut self.vehicle, &mut self.text, &mut self.texts, &message);
                     return Some(message);
                 }
@@ -337,12 +403,21 @@ impl GroundStation {
         timeout: Duration,
         mut done: impl FnMut(&Vehicle, &mut Vec<String>) -> Option<T>,
     ) -> Result<T, CtlError> {
-        let deadline = Instant::now() + timeout;
+        let began = Instant::now();
+        let deadline = began + timeout;
         loop {
             if let Some(result) = done(&self.vehicle, &mut self.texts) {
                 return Ok(result);
             }
-            if self.next_message(deadline)?.is_none() {
+            // Who did something else meanwhile has not listened.
+            let gone = self.heard.max(began) + GONE;
+            if self.next_message(deadline.min(gone))?.is_some() {
+                continue;
+            }
+            if Instant::now() >= gone {
+                return Err(CtlError::Gone { silent: GONE, texts: self.take_texts() });
+            }
+            if Instant::now() >= deadline {
                 return Err(CtlError::Timeout {
                     what: what.into(),
                     waited: timeout,

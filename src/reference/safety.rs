@@ -27,7 +27,7 @@ const COLUMNS: [(&str, &[Mode]); 4] = [
 const HEAD: &str = "\
 # Safety
 
-Generated from `pilot::CONDITIONS`; do not edit. In every control step (100 Hz) the supervisor walks the list of conditions \
+A program writes this page from its own list of conditions. In every control step (100 Hz) the supervisor walks the list of conditions \
 below. What it finds is told, and the hardest of all reactions is flown. Nothing else ends a flight but the orders of clients, \
 the mission itself ([MODES.md](MODES.md)) and the end of the program (below). A station may change most numbers \
 ([CONFIGURATION.md](CONFIGURATION.md), parameters `SUP_` and `LIM_`).
@@ -60,13 +60,13 @@ landing, but not out of a descent. Motors are cut by **disarm** alone: in the sp
 | reaction | what the vehicle does |
 |---|---|
 | tell | the flight goes on; STATUSTEXT, event and health bit say what is wrong |
-| manual | the joystick flies |
+| manual | the joystick flies: a person wishes it, so what a fault asks for is harder |
 | hold | the vehicle stays where it is, inside the walls |
 | return | flies home (or to a rally point that is nearer) and lands |
 | land | lands here under position control, by dead reckoning if need be; from outside the walls back inside |
 | descend | sinks level by the board's attitude, on thrust model and barometer, at 0.8 m/s and below 1.2 m at 0.45 m/s; without a \
 barometer at 92 % of the hover thrust |
-| yield | the board flies by itself; no setpoint is sent that it could take for our will |
+| yield | the board flies by itself; nothing is sent that it could fly by |
 | disarm | motors off |
 
 ### What beats what

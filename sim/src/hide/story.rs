@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use haltere_gap::diagnosis::{Diagnosis, ShrinkResult};
 use haltere_gap::outcome::Ending;
+use haltere_model::effects::Kind;
 use haltere_sim::hidden::Hidden;
 use serde_json::{Value, json};
 
@@ -82,7 +83,7 @@ pub fn story(hidden: &Hidden, early: &[String], diagnosis: &Diagnosis) -> String
     });
     let _ = writeln!(out, "RESULT  {}{place}", Mark::of(hidden, diagnosis).word());
     for line in sizes(hidden, diagnosis) {
-        let _ = writeln!(out, "SIZE    {line}");
+        let _ = writeln!(out, "{line}");
     }
     if diagnosis.not_testable.iter().any(|id| id == hidden.id()) {
         let _ =
@@ -110,19 +111,31 @@ fn what(hidden: &Hidden) -> String {
     let numbers: Vec<_> = hidden
         .values()
         .iter()
-        .map(|v| format!("{} {:.3} {}", v.name, v.value, v.unit).trim_end().to_owned())
+        .zip(spec.parameters)
+        .map(|(v, spec)| match spec.kind {
+            Kind::Which(_) => format!("{} {:.0}", v.name, v.value),
+            _ => format!("{} {:.3} {}", v.name, v.value, v.unit).trim_end().to_owned(),
+        })
         .collect();
     format!("{} {} ({}{left}): {}", spec.id, spec.name, hidden.strength, numbers.join(", "))
 }
 
-/// Of what was hidden and named: each number as it was hidden beside what was found.
+/// Of what was hidden and named: each number as it was hidden beside what was found. Which one of several is no size.
 fn sizes(hidden: &Hidden, diagnosis: &Diagnosis) -> Vec<String> {
     let found = diagnosis.effects.iter().find(|effect| effect.id == hidden.id());
     let values = hidden.values();
-    let beside = values.iter().filter_map(|value| {
+    let specs = hidden.spec.map_or(&[][..], |spec| spec.parameters);
+    let beside = values.iter().zip(specs).filter_map(|(value, spec)| {
         let p = found?.parameters.iter().find(|p| p.name == value.name)?;
+        if matches!(spec.kind, Kind::Which(_)) {
+            let (hidden, found) = (value.value, p.value);
+            return Some(format!(
+                "WHICH   {} hidden {hidden:.0}, found {found:.0}; from 0: {}",
+                value.name, spec.doc
+            ));
+        }
         let line = format!(
-            "{} hidden {:.3}, found {:.3} (90 %: {:.3} to {:.3}) {}",
+            "SIZE    {} hidden {:.3}, found {:.3} (90 %: {:.3} to {:.3}) {}",
             value.name, value.value, p.value, p.low, p.high, value.unit
         );
         Some(line.trim_end().to_owned())

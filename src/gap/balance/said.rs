@@ -99,7 +99,10 @@ pub fn text(report: &Report) -> String {
     if let Some(times) = report.shaking {
         let _ = writeln!(out, "  shaking         {times:.1} times that of the references");
     }
-    if let Some(held_out) = &report.held_out {
+    // Without an explanation there is nothing that could shrink.
+    if let Some(held_out) =
+        report.held_out.as_ref().filter(|held_out| held_out.after != held_out.before)
+    {
         let _ = writeln!(
             out,
             "shrink     {:.2} of vertical force and moments on {}",

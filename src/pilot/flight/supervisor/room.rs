@@ -13,14 +13,15 @@ pub(super) const ROOM: Condition = Condition {
     seen_by: "UWB leads elsewhere than the vehicle leans. From the first 0.12 m of a flight on, the board's lean, \
               turned by our heading, is compared ten times a second with where UWB has the vehicle, for sound rooms \
               (turned by up to 40 degrees, or 0.6 to 1.6 times as large) and for fifteen wrong ones (turned by 90 \
-              degrees and more, or mirror images). A wrong room is found when it is e^20 times as likely as every \
-              sound one and has foreseen where UWB leads; after a gust, which none foresees, the comparison begins \
+              degrees and more, or mirror images). A wrong room is found when it is e^20 (half a billion) times as likely as \
+              every sound one and has foreseen where UWB leads; after a gust, which none foresees, the comparison begins \
               anew. The text names the room.",
     numbers: &[Number {
         key: "",
         value: |_| AGAINST,
         unit: "",
-        origin: "a sound flight would have to last a year for each wrong room to meet it once by chance; turbulence reached 15",
+        origin: "the exponent: a sound flight would have to last a year for each wrong room to meet it once by chance; e^15 \
+                 was reached, in turbulence",
     }],
     watched: Watched::Air,
     wanted: |_| Reaction::Descend,

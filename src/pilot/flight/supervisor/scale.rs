@@ -13,12 +13,13 @@ pub(super) const SCALE: Condition = Condition {
               makes (with the lag of the wings and the drag of the fall that the thrust allows), is more than 1.33 \
               times (under a client or joystick 1.55 times) what is usual in this flight, or 1.33 (1.55) where the \
               usual is less than 1. Where the board's attitude follows later than 0.3 s, the thrust of 0.15 s before \
-              may explain the force as well. Where the floor may carry, the force must also exceed 1.3 g and what \
-              would stop the sinking that the thrust allows: that is below 0.5 m by estimate or barometer (in landings \
-              once below 0.8 m, in take-offs by the barometer), while the floor is felt for, and up to 0.5 m above the \
-              estimated height at which the vehicle stood, where that was more than 0.5 m, and above that by what the \
-              thrust let it sink within a second unseen by the estimate. The condition is not looked at while the \
-              board's link is late, nor until 0.45 s after the vehicle leaned by more than 30 degrees or was kept down \
+              may explain the force as well.\n\n\
+              Where the floor may carry, the force must also exceed 1.3 g and what would stop the sinking that the \
+              thrust allows. The floor may carry below 0.5 m by estimate or barometer (in landings once below 0.8 m, \
+              in take-offs by the barometer) and while the floor is felt for. Where the vehicle stood at an estimated \
+              height of more than 0.5 m, it may carry up to 0.5 m above that, and higher by what the thrust let the \
+              vehicle sink within a second unseen by the estimate.\n\n\
+              The condition is not looked at while the board's link is late, nor until 0.45 s after the vehicle leaned by more than 30 degrees or was kept down \
               near the floor. The descent begins with height and speed of half a second before, carried on by the \
               thrust.",
     numbers: &[Number {
