@@ -20,7 +20,7 @@ use haltere_log::replay::{Report, Verdict};
 use haltere_model::effects::{ALL, Block, Choice, EffectSpec, Kind};
 
 /// Blocks below this many sigma, and this probability, are not shown as places of the gap.
-const LOUD_SIGMA: f64 = 3.0;
+pub(crate) const LOUD_SIGMA: f64 = 3.0;
 const LIKELY: f64 = 0.05;
 
 /// What a block has to do with the gap.
