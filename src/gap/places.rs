@@ -63,6 +63,36 @@ pub struct Heard<'a> {
     pub surveyed: &'a [AnchorId],
 }
 
+/// Puts every effect of one anchor at the anchor that stands out most by its kind of error: the statistics that sizes are
+/// fitted to are sorted by how much each anchor stands out, and do not know which one that is.
+pub(crate) fn take_anchors(attribution: &mut Attribution, heard: Heard<'_>) {
+    let put = |id: &str, theta: &mut [f64], theta_90: &mut [[f64; 2]]| {
+        let Some((k, slot)) = spec(id).and_then(anchor_parameter) else { return };
+        let slot = ANCHOR_SLOTS.iter().position(|own| *own == slot);
+        let worst = slot.and_then(|slot| heard.worst.get(slot));
+        let Some(place) = heard.surveyed.iter().position(|id| Some(id) == worst) else { return };
+        theta.iter_mut().skip(k).take(1).for_each(|value| *value = place as f64);
+        theta_90.iter_mut().skip(k).take(1).for_each(|ends| *ends = [place as f64; 2]);
+    };
+    for candidate in &mut attribution.candidates {
+        put(&candidate.id, &mut candidate.theta, &mut candidate.theta_90);
+    }
+    for pair in &mut attribution.pairs {
+        pair.ids.iter().zip(&mut pair.theta).for_each(|(id, theta)| put(id, theta, &mut []));
+    }
+    for named in attribution.outcome.effects_mut() {
+        put(&named.id, &mut named.theta, &mut named.theta_90);
+    }
+}
+
+/// Where among its parameters an effect chooses an anchor, and the kind of error that this anchor shows.
+fn anchor_parameter(spec: &EffectSpec) -> Option<(usize, &'static str)> {
+    spec.parameters.iter().enumerate().find_map(|(k, p)| match p.kind {
+        Kind::Which(Choice::Anchor(slot)) => Some((k, slot)),
+        _ => None,
+    })
+}
+
 /// Blocks of the gap that a bank explains so.
 pub fn places(attribution: &Attribution, heard: Heard<'_>, bank: &Bank) -> Vec<Where> {
     let sigma = scales(&bank.jitter);
@@ -128,12 +158,8 @@ fn probability(attribution: &Attribution, block: Block) -> f64 {
 fn named_anchor(attribution: &Attribution, block: Block, anchors: &[AnchorId]) -> Option<u8> {
     attribution.outcome.effects().iter().find_map(|named| {
         let spec = spec(&named.id).filter(|spec| spec.block == block)?;
-        let (p, value) = spec
-            .parameters
-            .iter()
-            .zip(&named.theta)
-            .find(|(p, _)| matches!(p.kind, Kind::Which(Choice::Anchor(_))))?;
-        anchors.get(p.told(*value) as usize).map(|id| id.0)
+        let (k, _) = anchor_parameter(spec)?;
+        anchors.get(spec.parameters.get(k)?.told(*named.theta.get(k)?) as usize).map(|id| id.0)
     })
 }
 
