@@ -238,7 +238,7 @@ fn text(d: &Diagnosis) -> String {
         );
     }
     if !d.exonerated.is_empty() {
-        let _ = writeln!(out, "NOT THERE   {}: replayed bit for bit", d.exonerated.join(", "));
+        let _ = writeln!(out, "NOT CAUSE   {}: replayed bit for bit", d.exonerated.join(", "));
     }
     for effect in &d.effects {
         let _ = writeln!(
