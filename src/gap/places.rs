@@ -11,10 +11,10 @@
 use serde::Serialize;
 
 use crate::attribute::Attribution;
-use crate::bank::Bank;
+use crate::bank::{Bank, Draw};
 use crate::flight::statistics::{ANCHOR_SLOTS, specs};
 use crate::outcome::Outcome;
-use crate::shrink::{medians, scales};
+use crate::shrink::{median, medians, scales};
 use haltere_core::measure::AnchorId;
 use haltere_log::replay::{Report, Verdict};
 use haltere_model::effects::{ALL, Block, Choice, EffectSpec, Kind};
@@ -146,6 +146,27 @@ pub fn places(attribution: &Attribution, heard: Heard<'_>, bank: &Bank) -> Vec<W
             .then(b.score.total_cmp(&a.score))
     });
     places
+}
+
+/// Where an effect shows in the flights of a bank: by how many sigma of healthy ones its middle flight differs from the
+/// same flight without it, in the loudest statistic of each block. Empty: the bank has no flight of it.
+pub fn signature(bank: &Bank, id: &str) -> Vec<(Block, f64)> {
+    let sigma = scales(&bank.jitter);
+    let draws = bank.effects.iter().find(|e| e.id == id).map_or(&[][..], |e| &e.draws[..]);
+    let loudest = |draw: &Draw, block: Block| {
+        let twin = bank.jitter.get(draw.twin)?;
+        let own = specs().iter().enumerate().filter(|(_, spec)| spec.block == block);
+        let off = own.filter_map(|(j, _)| {
+            let z = (draw.statistics.get(j)? - twin.get(j)?) / sigma.get(j)?;
+            z.is_finite().then_some(z.abs())
+        });
+        off.reduce(f64::max)
+    };
+    let middle = |block| {
+        let mut all: Vec<f64> = draws.iter().filter_map(|draw| loudest(draw, block)).collect();
+        (block, median(&mut all))
+    };
+    Block::CHAIN.into_iter().map(middle).filter(|(_, z)| z.is_finite()).collect()
 }
 
 /// Probability of a block: of all its effects together.
