@@ -156,6 +156,8 @@ const TITLE_CHAR_PX: f64 = 7.2;
 const LEGEND_KEY_PX: f64 = 34.0;
 /// From one row of the legend to the next, pixels.
 const LEGEND_ROW_PX: f64 = 15.0;
+/// Height of the name on a limit, pixels.
+const LIMIT_NAME_PX: f64 = 12.0;
 /// Head room for the names of spans, pixels.
 const SPAN_NAME_PX: f64 = 15.0;
 
@@ -214,6 +216,10 @@ impl Plot {
         self.draw_axes(&mut svg, &x, &y);
         for limit in self.limits.iter().filter(|l| l.y >= y.low && l.y <= y.high) {
             let at = y.px(limit.y);
+            // Of two names that would cover one another the lower one stands below its line.
+            let above = |l: &Limit| (0.0..LIMIT_NAME_PX).contains(&(at - y.px(l.y)));
+            let crowded = self.limits.iter().any(|l| l != limit && above(l));
+            let name_at = if crowded { at + 10.0 } else { at - 3.0 };
             let _ = write!(
                 svg,
                 "<g data-y=\"{at:.1}\"><line class=\"limit\" x1=\"{}\" x2=\"{}\" y1=\"{at:.1}\" y2=\"{at:.1}\"/>\
@@ -221,7 +227,7 @@ impl Plot {
                 x.from_px,
                 x.to_px,
                 x.to_px - 3.0,
-                at - 3.0,
+                name_at,
                 escape(&limit.name)
             );
         }
