@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::advice::Advice;
-use crate::attribute::{Attribution, Attributor, Candidate};
+use crate::attribute::{Attribution, Attributor, Candidate, PairCandidate};
 use crate::bank::library::whole;
 use crate::bank::workshop::Workshop;
 use crate::commission::Fitted;
@@ -14,18 +14,22 @@ use crate::flight::statistics::{Observation, observe};
 use crate::nominal::Nominal;
 use crate::outcome::{Ending, Named, Outcome, Remainder};
 use crate::picture::Picture;
-use crate::places::{Heard, exonerated, places};
+use crate::places::{Heard, exonerated, places, take_anchors};
 pub use crate::places::{Part, Where};
-use crate::said::said;
+use crate::said::{chosen, said};
 use crate::shrink::{medians, scales};
 use haltere_log::record::LogFlight;
 use haltere_log::replay::{Differs, Report};
+use haltere_model::effects::Kind;
 
 /// A named parameter.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Parameter {
     /// Name.
     pub name: String,
+    /// Of a choice, what was chosen: `anchor 4`. Its value is the place in the survey, as in a scenario.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub chosen: Option<String>,
     /// Best value.
     pub value: f64,
     /// Lower end of 90 %.
@@ -175,7 +179,7 @@ pub struct MadeWith {
     pub source_hash: String,
     /// Ids of the library.
     pub library: Vec<String>,
-    /// Flights in the bank: seeds, with jitter, per effect.
+    /// Flights in the bank: seeds, with jitter, of each effect at least.
     pub bank_flights: [usize; 3],
 }
 
@@ -414,12 +418,13 @@ pub fn judge(
         (_, Some(fault)) => Outcome::Fault { why: fault.clone() },
         (Err(why), None) => Outcome::NotTestable { why: why.clone() },
         (Ok(observation), None) => {
-            let attribution = attributor.attribute(&observation.statistics);
+            let mut attribution = attributor.attribute(&observation.statistics);
             let heard = Heard {
                 statistics: &observation.statistics,
                 worst: &observation.anchors,
                 surveyed: flown.trace.survey.ids(),
             };
+            take_anchors(&mut attribution, heard);
             result.places = places(&attribution, heard, &workshop.bank);
             result.exonerated = exonerated(&flown.replay);
             result.not_testable = not_testable(workshop, observation);
@@ -431,7 +436,7 @@ pub fn judge(
             let alone = unsure && references == 0;
             result.wants_budget = alone && came_far;
             let outcome = comparable(&attribution, came_far, alone);
-            result.ladder = ladder(&attribution);
+            result.ladder = ladder(&attribution, &result.not_testable);
             result.explained = Explained::of(&attribution);
             result.attribution = Some(attribution);
             outcome
@@ -478,19 +483,20 @@ fn made_with(workshop: &Workshop) -> MadeWith {
         bank_flights: [
             bank.seeds.len(),
             bank.jitter.len(),
-            bank.effects.iter().map(|e| e.draws.len()).max().unwrap_or(0),
+            bank.effects.iter().map(|e| e.draws.len()).min().unwrap_or(0),
         ],
     }
 }
 
-/// Nominal, the best effect, the best two.
-fn ladder(attribution: &Attribution) -> Vec<Rung> {
+/// Nominal, the best effect, the best two of those that this flight can show.
+fn ladder(attribution: &Attribution, not_testable: &[String]) -> Vec<Rung> {
     let rung = |name: String, left: f64| Rung { name, left, held_out: None };
     let mut rungs = vec![rung("nominal".to_owned(), attribution.gate.distance)];
     if let Some(best) = attribution.candidates.first() {
         rungs.push(rung(format!("+ {}", best.id), best.residual_score));
     }
-    if let Some(pair) = attribution.pairs.first() {
+    let shown = |pair: &&PairCandidate| !pair.ids.iter().any(|id| not_testable.contains(id));
+    if let Some(pair) = attribution.pairs.iter().find(shown) {
         rungs.push(rung(format!("+ {}", pair.ids.join(" + ")), pair.residual_score));
     }
     rungs
@@ -499,18 +505,22 @@ fn ladder(attribution: &Attribution) -> Vec<Rung> {
 fn effect(workshop: &Workshop, named: &Named) -> Effect {
     let spec = workshop.spec(&named.id);
     let parameters = spec.map_or(&[][..], |s| s.parameters);
+    let anchors = workshop.scene.survey.ids();
     Effect {
         id: named.id.clone(),
         name: spec.map_or("", |s| s.name).to_owned(),
         probability: named.probability,
-        said: spec.map_or_else(String::new, |spec| {
-            said(spec, &named.theta, &named.theta_90, workshop.scene.survey.ids())
-        }),
+        said: spec
+            .map_or_else(String::new, |spec| said(spec, &named.theta, &named.theta_90, anchors)),
         parameters: parameters
             .iter()
             .zip(named.theta.iter().zip(&named.theta_90))
             .map(|(p, (value, [low, high]))| Parameter {
                 name: p.name.to_owned(),
+                chosen: match p.kind {
+                    Kind::Which(which) => Some(chosen(which, *value, anchors)),
+                    _ => None,
+                },
                 value: p.told(*value),
                 low: p.told(*low),
                 high: p.told(*high),

@@ -198,6 +198,17 @@ impl Outcome {
         }
     }
 
+    /// The same, to be told better.
+    pub(crate) fn effects_mut(&mut self) -> &mut [Named] {
+        match self {
+            Outcome::Named { effect } | Outcome::NamedWithRemainder { effect, .. } => {
+                std::slice::from_mut(effect)
+            }
+            Outcome::OneOf { effects } | Outcome::Several { effects } => effects,
+            _ => &mut [],
+        }
+    }
+
     /// Why nothing is named; empty where that needs no reason.
     pub fn why(&self) -> &str {
         match self {

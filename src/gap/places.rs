@@ -11,16 +11,16 @@
 use serde::Serialize;
 
 use crate::attribute::Attribution;
-use crate::bank::Bank;
+use crate::bank::{Bank, Draw};
 use crate::flight::statistics::{ANCHOR_SLOTS, specs};
 use crate::outcome::Outcome;
-use crate::shrink::{medians, scales};
+use crate::shrink::{median, medians, scales};
 use haltere_core::measure::AnchorId;
 use haltere_log::replay::{Report, Verdict};
 use haltere_model::effects::{ALL, Block, Choice, EffectSpec, Kind};
 
 /// Blocks below this many sigma, and this probability, are not shown as places of the gap.
-const LOUD_SIGMA: f64 = 3.0;
+pub(crate) const LOUD_SIGMA: f64 = 3.0;
 const LIKELY: f64 = 0.05;
 
 /// What a block has to do with the gap.
@@ -61,6 +61,36 @@ pub struct Heard<'a> {
     pub worst: &'a [AnchorId],
     /// The survey, ascending, as effects count it; empty: not known.
     pub surveyed: &'a [AnchorId],
+}
+
+/// Puts every effect of one anchor at the anchor that stands out most by its kind of error: the statistics that sizes are
+/// fitted to are sorted by how much each anchor stands out, and do not know which one that is.
+pub(crate) fn take_anchors(attribution: &mut Attribution, heard: Heard<'_>) {
+    let put = |id: &str, theta: &mut [f64], theta_90: &mut [[f64; 2]]| {
+        let Some((k, slot)) = spec(id).and_then(anchor_parameter) else { return };
+        let slot = ANCHOR_SLOTS.iter().position(|own| *own == slot);
+        let worst = slot.and_then(|slot| heard.worst.get(slot));
+        let Some(place) = heard.surveyed.iter().position(|id| Some(id) == worst) else { return };
+        theta.iter_mut().skip(k).take(1).for_each(|value| *value = place as f64);
+        theta_90.iter_mut().skip(k).take(1).for_each(|ends| *ends = [place as f64; 2]);
+    };
+    for candidate in &mut attribution.candidates {
+        put(&candidate.id, &mut candidate.theta, &mut candidate.theta_90);
+    }
+    for pair in &mut attribution.pairs {
+        pair.ids.iter().zip(&mut pair.theta).for_each(|(id, theta)| put(id, theta, &mut []));
+    }
+    for named in attribution.outcome.effects_mut() {
+        put(&named.id, &mut named.theta, &mut named.theta_90);
+    }
+}
+
+/// Where among its parameters an effect chooses an anchor, and the kind of error that this anchor shows.
+fn anchor_parameter(spec: &EffectSpec) -> Option<(usize, &'static str)> {
+    spec.parameters.iter().enumerate().find_map(|(k, p)| match p.kind {
+        Kind::Which(Choice::Anchor(slot)) => Some((k, slot)),
+        _ => None,
+    })
 }
 
 /// Blocks of the gap that a bank explains so.
@@ -118,6 +148,27 @@ pub fn places(attribution: &Attribution, heard: Heard<'_>, bank: &Bank) -> Vec<W
     places
 }
 
+/// Where an effect shows in the flights of a bank: by how many sigma of healthy ones its middle flight differs from the
+/// same flight without it, in the loudest statistic of each block. Empty: the bank has no flight of it.
+pub fn signature(bank: &Bank, id: &str) -> Vec<(Block, f64)> {
+    let sigma = scales(&bank.jitter);
+    let draws = bank.effects.iter().find(|e| e.id == id).map_or(&[][..], |e| &e.draws[..]);
+    let loudest = |draw: &Draw, block: Block| {
+        let twin = bank.jitter.get(draw.twin)?;
+        let own = specs().iter().enumerate().filter(|(_, spec)| spec.block == block);
+        let off = own.filter_map(|(j, _)| {
+            let z = (draw.statistics.get(j)? - twin.get(j)?) / sigma.get(j)?;
+            z.is_finite().then_some(z.abs())
+        });
+        off.reduce(f64::max)
+    };
+    let middle = |block| {
+        let mut all: Vec<f64> = draws.iter().filter_map(|draw| loudest(draw, block)).collect();
+        (block, median(&mut all))
+    };
+    Block::CHAIN.into_iter().map(middle).filter(|(_, z)| z.is_finite()).collect()
+}
+
 /// Probability of a block: of all its effects together.
 fn probability(attribution: &Attribution, block: Block) -> f64 {
     let own = |id: &str| block_of(id) == Some(block);
@@ -128,12 +179,8 @@ fn probability(attribution: &Attribution, block: Block) -> f64 {
 fn named_anchor(attribution: &Attribution, block: Block, anchors: &[AnchorId]) -> Option<u8> {
     attribution.outcome.effects().iter().find_map(|named| {
         let spec = spec(&named.id).filter(|spec| spec.block == block)?;
-        let (p, value) = spec
-            .parameters
-            .iter()
-            .zip(&named.theta)
-            .find(|(p, _)| matches!(p.kind, Kind::Which(Choice::Anchor(_))))?;
-        anchors.get(p.told(*value) as usize).map(|id| id.0)
+        let (k, _) = anchor_parameter(spec)?;
+        anchors.get(spec.parameters.get(k)?.told(*named.theta.get(k)?) as usize).map(|id| id.0)
     })
 }
 

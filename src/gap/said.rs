@@ -52,6 +52,19 @@ pub fn said(
     first.chain(letters).chain(known.chars()).chain(['.']).collect()
 }
 
+/// A choice by its name: a place in the survey is no number that anybody reads on an anchor.
+pub fn chosen(which: Choice, value: f64, anchors: &[AnchorId]) -> String {
+    // A cast keeps what is below zero at zero.
+    let place = value.round() as usize;
+    match which {
+        Choice::Anchor(_) => anchors.get(place).map_or_else(
+            || format!("the anchor at place {place} of the survey"),
+            |id| format!("anchor {}", id.0),
+        ),
+        Choice::Wall => format!("the {} wall", WALLS[place.min(WALLS.len() - 1)]),
+    }
+}
+
 /// Parameters with words for both of their sides: those that are something, or the one that is most.
 fn listed<'a, 'b>(all: &'b [Told<'a>]) -> Vec<&'b Told<'a>> {
     let with_ways = || all.iter().filter(|told| told.p.ways.is_some());
@@ -106,14 +119,8 @@ impl<'a> Told<'a> {
     }
 
     fn words(&self, anchors: &[AnchorId]) -> String {
-        // A cast keeps what is below zero at zero.
-        let place = self.raw.round() as usize;
         match self.p.kind {
-            Kind::Which(Choice::Anchor(_)) => anchors.get(place).map_or_else(
-                || format!("the anchor at place {place} of the survey"),
-                |id| format!("anchor {}", id.0),
-            ),
-            Kind::Which(Choice::Wall) => format!("the {} wall", WALLS[place.min(WALLS.len() - 1)]),
+            Kind::Which(which) => chosen(which, self.raw, anchors),
             Kind::Where(axis) => {
                 let [below, above] = match axis {
                     Axis::North => ["south", "north"],

@@ -95,6 +95,8 @@ fn accuracy(flight: &Flight, seconds: &dyn Fn(HostTime) -> f64) -> Option<String
     let mode_at = |at: HostTime| flown.iter().find(|(_, from, to)| at >= *from && at < *to);
     let (mut estimate, mut track) = (Distance::default(), Distance::default());
     let mut is_true = false;
+    // Where the place that was asked for jumped: nothing flies there at once.
+    let (mut asked, mut jumped_at, mut is_step) = (None, None, false);
     let mut controls = flight.controls.iter().peekable();
     for e in flight.estimates.iter().filter(|e| e.health != Health::NotAligned) {
         let Some((mode, ..)) = mode_at(e.at) else { continue };
@@ -108,16 +110,37 @@ fn accuracy(flight: &Flight, seconds: &dyn Fn(HostTime) -> f64) -> Option<String
         let at_E_m = truth.unwrap_or(e.pos_E_m);
         let off = control.pos_setpoint_E_m.iter().zip(at_E_m.to_array());
         let squares = off.map(|(wanted, at)| wanted.map_or(0.0, |wanted| (wanted - at).powi(2)));
-        track.add(squares.sum::<f64>().sqrt(), e.at);
+        if let Some(places) = asked.replace(control.pos_setpoint_E_m)
+            && jump_m(places, control.pos_setpoint_E_m) > STEP_M
+        {
+            jumped_at = Some(e.at);
+        }
+        if track.add(squares.sum::<f64>().sqrt(), e.at) {
+            is_step = jumped_at.is_some_and(|at: HostTime| e.at.seconds_since(at) < STEP_S);
+        }
     }
     let by = if is_true { "" } else { " by its own estimate" };
-    let parts = [("estimate", "", &estimate), ("track", by, &track)];
-    let told = parts.into_iter().filter(|(.., d)| d.count > 0).map(|(what, by, d)| {
-        let worst_s = seconds(d.worst_at);
-        format!("{what} off by {:.2} m{by} (worst {:.2} m at {worst_s:.0} s)", d.mean(), d.worst_m)
+    let step = if is_step { ", where a step was commanded" } else { "" };
+    let parts = [("estimate", "", "", &estimate), ("track", by, step, &track)];
+    let told = parts.into_iter().filter(|(.., d)| d.count > 0).map(|(what, by, step, d)| {
+        let (worst_m, worst_s) = (d.worst_m, seconds(d.worst_at));
+        let worst = format!("(worst {worst_m:.2} m at {worst_s:.0} s{step})");
+        format!("{what} off by {:.2} m{by} {worst}", d.mean())
     });
     let words = told.collect::<Vec<_>>().join(", ");
     (!words.is_empty()).then_some(words)
+}
+
+/// A step is commanded where the place that is asked for moves by more than this from one setpoint to the next, and whoever
+/// flies is far from it for so long (judgement: steps of the demo are 1 and 2 m, paths move it by centimetres).
+const STEP_M: f64 = 0.5;
+const STEP_S: f64 = 1.0;
+
+/// How far a setpoint moved.
+fn jump_m(before: [Option<f64>; 3], after: [Option<f64>; 3]) -> f64 {
+    let moved =
+        before.iter().zip(after).map(|(a, b)| a.zip(b).map_or(0.0, |(a, b)| (b - a).powi(2)));
+    moved.sum::<f64>().sqrt()
 }
 
 #[derive(Default)]
@@ -129,11 +152,14 @@ struct Distance {
 }
 
 impl Distance {
-    fn add(&mut self, off_m: f64, at: HostTime) {
+    /// Takes one; whether it is the worst so far.
+    fn add(&mut self, off_m: f64, at: HostTime) -> bool {
         (self.sum_m, self.count) = (self.sum_m + off_m, self.count + 1);
-        if off_m > self.worst_m {
+        let is_worst = off_m > self.worst_m;
+        if is_worst {
             (self.worst_m, self.worst_at) = (off_m, at);
         }
+        is_worst
     }
 
     fn mean(&self) -> f64 {
@@ -144,6 +170,8 @@ impl Distance {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use haltere_core::estimate::Estimate;
+    use haltere_core::frames::{Rot, Vec3};
     use haltere_core::topics::ControlRecord;
 
     fn at(s: u64) -> HostTime {
@@ -195,6 +223,39 @@ mod tests {
         assert!(of(&[], &DOWN[1..]).0);
         assert!(of(&[], &[]).1.starts_with("In the air, the log ends in mode mission"));
         assert_eq!(said(&flown(&[DOWN[1]])).words, "Nothing was flown.");
+    }
+
+    #[test]
+    fn prop_far_from_where_a_step_was_commanded_is_told_so() {
+        let told = |jump_m: f64| {
+            let mut flight = flown(&[&UP[..], &[("land", "the mission lands")]].concat());
+            let end = flight.controls.pop();
+            for k in 0..10_u64 {
+                let at = HostTime::from_us(3_000_000 + 100_000 * k);
+                let there_m = if k < 5 { 0.0 } else { jump_m };
+                let pos_setpoint_E_m = [Some(there_m), Some(0.0), Some(0.0)];
+                let control = ControlRecord { at, pos_setpoint_E_m, ..ControlRecord::default() };
+                flight.controls.push(control);
+                flight.estimates.push(Estimate {
+                    at,
+                    pos_E_m: Vec3::new(0.2, 0.0, 0.0),
+                    vel_B_mps: Vec3::zero(),
+                    R_EB: Rot::identity(),
+                    rate_B_radps: Vec3::zero(),
+                    std_pos_E_m: Vec3::zero(),
+                    std_vel_B_mps: Vec3::zero(),
+                    std_att_B_rad: Vec3::zero(),
+                    uwb_noise_factor: 1.0,
+                    health: Health::Good,
+                });
+            }
+            flight.controls.extend(end);
+            said(&flight).words
+        };
+        let step = told(2.0);
+        assert!(step.contains("(worst 1.80 m at 4 s, where a step was commanded)"), "{step}");
+        let path = told(0.3);
+        assert!(path.contains("(worst 0.20 m at 3 s)"), "{path}");
     }
 
     #[test]

@@ -156,6 +156,8 @@ const TITLE_CHAR_PX: f64 = 7.2;
 const LEGEND_KEY_PX: f64 = 34.0;
 /// From one row of the legend to the next, pixels.
 const LEGEND_ROW_PX: f64 = 15.0;
+/// Height of the name on a limit, pixels.
+const LIMIT_NAME_PX: f64 = 12.0;
 /// Head room for the names of spans, pixels.
 const SPAN_NAME_PX: f64 = 15.0;
 
@@ -214,6 +216,10 @@ impl Plot {
         self.draw_axes(&mut svg, &x, &y);
         for limit in self.limits.iter().filter(|l| l.y >= y.low && l.y <= y.high) {
             let at = y.px(limit.y);
+            // Of two names that would cover one another the upper one stands higher.
+            let under = self.limits.iter().filter(|l| *l != limit).map(|l| y.px(l.y) - at);
+            let under = under.filter(|gap| (0.0..LIMIT_NAME_PX).contains(gap)).reduce(f64::min);
+            let name_at = at - 3.0 - under.map_or(0.0, |gap| LIMIT_NAME_PX - gap);
             let _ = write!(
                 svg,
                 "<g data-y=\"{at:.1}\"><line class=\"limit\" x1=\"{}\" x2=\"{}\" y1=\"{at:.1}\" y2=\"{at:.1}\"/>\
@@ -221,7 +227,7 @@ impl Plot {
                 x.from_px,
                 x.to_px,
                 x.to_px - 3.0,
-                at - 3.0,
+                name_at,
                 escape(&limit.name)
             );
         }
@@ -548,6 +554,20 @@ mod tests {
         // Nothing was told while it flew.
         assert_eq!(high(&flown(Some([7.0, 8.0]))), [-50.0, 50.0]);
         assert!(flown(None).render().contains("clip-path=\"url(#b400-200-30)\""));
+    }
+
+    #[test]
+    fn prop_names_of_limits_do_not_cover_one_another() {
+        let limit = |name: &str, y| Limit { name: name.into(), y };
+        let mut plot = plot_of(Mark::Line, vec![[0.0, 9.0]]);
+        plot.limits = vec![limit("lower", 4.0), limit("upper", 4.1)];
+        let svg = plot.render();
+        let at = |name: &str| -> f64 {
+            let text = &svg[..svg.find(name).unwrap()];
+            let from = text.rfind(" y=\"").unwrap() + 4;
+            text[from..].split('"').next().unwrap().parse().unwrap()
+        };
+        assert!((at("lower<") - at("upper<") - LIMIT_NAME_PX).abs() < 0.11, "{svg}");
     }
 
     #[test]

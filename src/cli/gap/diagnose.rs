@@ -249,7 +249,7 @@ fn text(d: &Diagnosis) -> String {
         );
     }
     if !d.exonerated.is_empty() {
-        let _ = writeln!(out, "NOT THERE   {}: replayed bit for bit", d.exonerated.join(", "));
+        let _ = writeln!(out, "NOT CAUSE   {}: replayed bit for bit", d.exonerated.join(", "));
     }
     for effect in &d.effects {
         let _ = writeln!(
@@ -258,11 +258,11 @@ fn text(d: &Diagnosis) -> String {
             effect.id, effect.name, effect.probability
         );
         for p in &effect.parameters {
-            let _ = writeln!(
-                out,
-                "              {} = {:.4} {} (90 %: {:.4} to {:.4})",
-                p.name, p.value, p.unit, p.low, p.high
-            );
+            let found = p.chosen.clone().unwrap_or_else(|| {
+                let (value, unit) = (p.value, &p.unit);
+                format!("{} = {value:.4} {unit} (90 %: {:.4} to {:.4})", p.name, p.low, p.high)
+            });
+            let _ = writeln!(out, "              {found}");
         }
     }
     let shrink = d.shrink.as_ref().map(ShrinkResult::words);

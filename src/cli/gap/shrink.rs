@@ -14,9 +14,10 @@ use haltere_gap::bank::library::{self, whole};
 use haltere_gap::diagnosis::observed;
 use haltere_gap::door::{self, Audience as _, Flights, Opened, Session, each_once, open};
 use haltere_gap::flight::logs::{self, Flown};
+use haltere_gap::said::chosen;
 use haltere_gap::scene::Told;
 use haltere_gap::shrink::held_out::{Explanation, Measured, SHRINK_FLIGHTS, measure};
-use haltere_model::effects::EffectSpec;
+use haltere_model::effects::{EffectSpec, Kind};
 
 /// Adds one effect to the simulator and says how far the gap closes on other flights, closed loop.
 ///
@@ -111,7 +112,7 @@ impl Shrink {
                 "shrink": result,
             }))?;
         } else {
-            print(&text(spec, theta, &result, judged_on.len(), accepted.len()))?;
+            print(&text(spec, theta, &result, &judged_on, accepted.len()))?;
         }
         Ok(ExitCode::SUCCESS)
     }
@@ -214,17 +215,22 @@ fn text(
     spec: &EffectSpec,
     theta: &[f64],
     r: &Measured,
-    flights: usize,
+    judged_on: &[Flown],
     references: usize,
 ) -> String {
     use std::fmt::Write as _;
     let mut out = String::new();
+    let anchors = judged_on.first().map_or(&[][..], |flown| flown.trace.survey.ids());
     let values: Vec<String> = spec
         .parameters
         .iter()
         .zip(theta)
-        .map(|(p, v)| format!("{} = {v:.4} {}", p.name, p.unit).trim_end().to_owned())
+        .map(|(p, v)| match p.kind {
+            Kind::Which(which) => chosen(which, *v, anchors),
+            _ => format!("{} = {v:.4} {}", p.name, p.unit).trim_end().to_owned(),
+        })
         .collect();
+    let flights = judged_on.len();
     let _ = writeln!(out, "EFFECT      {} {}: {}", spec.id, spec.name, values.join(", "));
     let _ = writeln!(
         out,

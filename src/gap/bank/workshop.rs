@@ -228,6 +228,20 @@ pub fn default_folder() -> PathBuf {
     cache().join("gap-banks")
 }
 
+/// The bank that was flown last, of those in a folder that this program can read.
+pub fn latest(folder: &Path) -> Option<Bank> {
+    let files = std::fs::read_dir(folder).ok()?.filter_map(|entry| {
+        let path = entry.ok()?.path();
+        let at = path.metadata().and_then(|of| of.modified()).ok()?;
+        path.extension().is_some_and(|end| end == "bank").then_some((at, path))
+    });
+    let mut files: Vec<_> = files.collect();
+    files.sort();
+    let names = || specs().iter().map(|spec| &spec.name);
+    let mut banks = files.iter().rev().filter_map(|(_, path)| Some(bank_file::read(path).ok()?.0));
+    banks.find(|bank| bank.names.iter().eq(names()))
+}
+
 /// Where it is kept how long the stages of a diagnosis took on this computer.
 pub fn costs_file() -> PathBuf {
     cache().join("stages.json")

@@ -12,6 +12,7 @@ use crate::outcome::Remainder;
 use crate::scene::Scene;
 use haltere_core::measure::AnchorId;
 use haltere_log::replay::{Demand, Verdict};
+use haltere_model::effects::Choice;
 use haltere_model::random::Stream;
 
 /// Place of a statistic.
@@ -170,11 +171,28 @@ fn regress_a_named_survey_error_has_a_place_and_its_anchor_where_no_block_is_lou
 }
 
 #[test]
+fn prop_an_effect_of_one_anchor_is_at_the_one_that_stands_out_by_its_error() {
+    let mut said = attribution(&[]);
+    let theta = vec![0.2, 1.3];
+    let theta_90 = vec![[0.1, 0.3], [0.0, 2.0]];
+    let effect = Named { id: "U2".into(), probability: 0.9, theta, theta_90 };
+    said.outcome = Outcome::Named { effect };
+    let heard =
+        Heard { statistics: &[], worst: &[9].map(AnchorId), surveyed: &[1, 3, 5, 9].map(AnchorId) };
+    take_anchors(&mut said, heard);
+    let named = &said.outcome.effects()[0];
+    assert_eq!((&named.theta[..], named.theta_90[1]), (&[0.2, 3.0][..], [3.0, 3.0]));
+    assert_eq!(chosen(Choice::Anchor("bias"), named.theta[1], heard.surveyed), "anchor 9");
+}
+
+#[test]
 fn prop_the_ladder_goes_from_none_to_two_effects() {
-    let rungs = ladder(&attribution(&[]));
+    let rungs = ladder(&attribution(&[]), &[]);
     let names: Vec<&str> = rungs.iter().map(|r| r.name.as_str()).collect();
     assert_eq!(names, ["nominal", "+ P1", "+ P1 + A9"]);
     assert!(rungs.windows(2).all(|w| w[1].left < w[0].left));
+    // What this flight cannot show is no step.
+    assert_eq!(ladder(&attribution(&[]), &["A9".to_owned()]).len(), 2);
 }
 
 #[test]

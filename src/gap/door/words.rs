@@ -4,6 +4,7 @@ use crate::advice::experiments::telling_apart;
 use crate::bank::library::find;
 use crate::diagnosis::{Diagnosis, Effect, ShrinkResult};
 use crate::outcome::Ending;
+use crate::places::{LOUD_SIGMA, Part};
 use haltere_model::effects::Block;
 
 /// How a diagnosis ends, what it rests on and what to do next: what a person reads first.
@@ -12,12 +13,11 @@ pub fn in_words(d: &Diagnosis) -> String {
         Ending::NoGap => no_gap(d),
         Ending::Named | Ending::NamedWithRemainder | Ending::Several => acting(d),
         Ending::OneOf => one_of(d),
-        Ending::NotInLibrary => format!(
-            "This flight differs from the simulator, and no known effect explains it. {}",
-            rest(d).unwrap_or_default()
-        )
-        .trim_end()
-        .to_owned(),
+        Ending::NotInLibrary => {
+            let first = "This flight differs from the simulator, and no known effect explains it.";
+            let told = [Some(first.to_owned()), elsewhere(d), rest(d)];
+            told.into_iter().flatten().collect::<Vec<_>>().join(" ")
+        }
         Ending::Budget => format!(
             "The vehicle is not as its file says: {}. Next: take the constants below into the vehicle file.",
             d.why
@@ -49,6 +49,7 @@ fn acting(d: &Diagnosis) -> String {
     if d.outcome == Ending::NamedWithRemainder {
         told.extend(rest(d));
     }
+    told.extend(elsewhere(d));
     let least = d.effects.iter().map(|e| e.probability).fold(1.0, f64::min);
     // No sum over what was tried is surer than this.
     let sure = (100.0 * least).min(99.0);
@@ -95,6 +96,23 @@ fn closes(d: &Diagnosis, s: &ShrinkResult) -> Option<String> {
     };
     let once = if d.effects.len() > 1 { "once these are added" } else { "once this is added" };
     Some(format!("On {flights} the gap closes by {} {once}{rival}.", percent(value)))
+}
+
+/// Where the gap is by the residuals of each block alone, whatever its cause: the block that stands out most, unless an
+/// effect that is named is one of its own.
+fn elsewhere(d: &Diagnosis) -> Option<String> {
+    let causes = d.places.iter().filter(|p| p.part == Part::Cause && p.score >= LOUD_SIGMA);
+    let loudest = causes.max_by(|a, b| a.score.total_cmp(&b.score))?;
+    let own = |e: &Effect| find(&e.id).is_some_and(|spec| spec.block.name() == loudest.block);
+    let lies = match d.effects.len() {
+        0 => "the gap lies in",
+        _ if d.effects.iter().any(own) => return None,
+        _ => "the gap lies rather in",
+    };
+    Some(format!(
+        "By the residuals alone, without regard to causes, {lies} {}.",
+        place(&loudest.block)
+    ))
 }
 
 /// Alternatives, and what tells them apart.
@@ -154,6 +172,7 @@ mod tests {
     use super::*;
     use crate::diagnosis::Explained;
     use crate::outcome::Remainder;
+    use crate::places::Where;
     use haltere_model::effects::EffectSpec;
 
     fn effect(id: &str, probability: f64, said: &str) -> Effect {
@@ -185,6 +204,33 @@ mod tests {
             why: "it never moved".into(),
             ..Diagnosis::default()
         }
+    }
+
+    #[test]
+    fn golden_the_place_is_said_where_the_name_says_another_one() {
+        let said = |outcome, effects: &[(&str, f64, &str)], block: &str, score| {
+            let places = vec![Where {
+                block: block.into(),
+                channel: String::new(),
+                anchor: None,
+                regime: String::new(),
+                score,
+                part: Part::Cause,
+                probability: 0.0,
+            }];
+            in_words(&Diagnosis { places, ..diagnosis(outcome, effects) })
+        };
+        let alone = "By the residuals alone, without regard to causes, the gap lies";
+        let one = &[("P1", 0.999, "Thrust is 10 % lower.")][..];
+        let other = said(Ending::Named, one, "battery", 5.0);
+        assert!(other.contains(&format!("28 %. {alone} rather in the battery. Sure")), "{other}");
+        assert!(!said(Ending::Named, one, "thrust", 5.0).contains(alone));
+        assert!(!said(Ending::Named, one, "battery", 2.0).contains(alone));
+        let unknown = said(Ending::NotInLibrary, &[], "uwb", 5.0);
+        assert!(
+            unknown.contains(&format!("explains it. {alone} in the UWB measurements. The best")),
+            "{unknown}"
+        );
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //! signature of the named effect, a strip of time. All of it plain numbers, for the page and for JSON.
 //!
 //! Anchor graph: mean residuals of pairs `r_ab = n_b - n_a + c_ab`, `n` by least squares with `Σ n = 0`
-//! (GAP.md 2.4). The node part `n` is the anchor's own, the loop part `c` is of the path between.
+//! (GAP.md 2.4), told from the median of all. The node part `n` is the anchor's own, the loop part `c` is of the path between.
 
 pub mod details;
 pub mod matrix;
@@ -17,7 +17,7 @@ use crate::picture::details::{Details, fly_nulls};
 use crate::picture::matrix::{Matrix, Square, floor, matrix};
 use crate::picture::onset::{Onset, onset};
 use crate::scene::Scene;
-use crate::shrink::mean;
+use crate::shrink::{mean, median};
 use haltere_core::measure::AnchorId;
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use haltere_model::effects::EffectSpec;
@@ -360,10 +360,11 @@ fn graph(
                 id: id.0,
                 position_m: [p.x(), p.y(), -p.z()],
                 node_m: off.map(|(v, _)| v),
-                t: off.map(|(v, s)| v / s),
+                t: off.map(|(_, sigma)| sigma),
             })
         })
         .collect();
+    let anchors = beside_the_usual(anchors);
     let paths = flight
         .pairs_m
         .iter()
@@ -377,6 +378,18 @@ fn graph(
         })
         .collect();
     (anchors, paths)
+}
+
+/// Most anchors are right: their own parts are told from the middle one's, or one that is off would push all others to its
+/// other side. `anchors`: with their sigma for `t`.
+fn beside_the_usual(mut anchors: Vec<Node>) -> Vec<Node> {
+    let mut parts: Vec<f64> = anchors.iter().filter_map(|a| a.node_m).collect();
+    let middle = median(&mut parts);
+    for node in &mut anchors {
+        node.node_m = node.node_m.map(|part| part - middle);
+        node.t = node.node_m.zip(node.t).map(|(part, sigma)| part / sigma);
+    }
+    anchors
 }
 
 /// Node part of every anchor and loop part of every pair.
@@ -432,5 +445,14 @@ mod tests {
         assert!(loops[0] > 0.15, "{loops:?}");
         let (nodes, loops) = split(&[(AnchorId(0), AnchorId(9), 1.0)], &ids);
         assert!(nodes.iter().all(|n| n.is_nan()) && loops[0].is_nan());
+        // One that is off makes no other one heavy.
+        let node = |id, part| Node { id, position_m: [0.0; 3], node_m: Some(part), t: Some(0.01) };
+        let told = beside_the_usual(
+            (0..5).map(|id| node(id, if id == 3 { 0.16 } else { -0.04 })).collect(),
+        );
+        let heavy: Vec<u8> =
+            told.iter().filter(|n| n.t.unwrap().abs() >= 3.0).map(|n| n.id).collect();
+        assert_eq!(heavy, [3]);
+        assert!((told[3].node_m.unwrap() - 0.2).abs() < 1e-9, "{told:?}");
     }
 }

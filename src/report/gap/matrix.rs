@@ -22,11 +22,11 @@ const QUIET: f64 = 2.0;
 
 /// Style of this and the other drawings of the gap report.
 pub(super) const STYLE: &str = "\
-.cell{stroke:var(--rule);stroke-width:1}.plus{fill:#d55e00}.minus{fill:#0072b2}.loudness{fill:#0072b2}\
-.num{font-size:10px;fill:var(--ink);text-anchor:middle}.fdr{fill:var(--ink)}\
+.cell{stroke:var(--rule);stroke-width:1}.plus{fill:#d55e00}.minus{fill:#0072b2}\
+.num{font-size:10px;fill:var(--ink);text-anchor:middle}.own{paint-order:stroke;stroke:var(--bg);stroke-width:3px;font-weight:700}.fdr{fill:var(--ink)}\
 .head{font-size:10.5px;fill:var(--soft)}.group{font-size:11px;font-weight:600;fill:var(--ink)}\
 .node{fill:var(--bg);stroke:var(--ink);stroke-width:1.5}.bad.node{stroke-width:4}\
-.path{stroke:#d55e00;fill:none}.arrow{stroke:var(--ink);stroke-width:1.6;fill:none}\
+.path.plus{stroke:#d55e00}.path.minus{stroke:#0072b2}.arrow{stroke:var(--ink);stroke-width:1.6;fill:none}\
 .legend{display:flex;gap:16px;flex-wrap:wrap;color:var(--soft);font-size:12.5px;align-items:center}";
 
 /// Hatching of what was not visited. Its id may stand on a page once.
@@ -53,7 +53,7 @@ fn columns() -> Vec<(String, &'static str, Part)> {
 }
 
 /// `NearCeiling` to "near ceiling".
-fn words(name: &str) -> String {
+pub(super) fn words(name: &str) -> String {
     let mut out = String::new();
     for c in name.chars() {
         if c.is_uppercase() && !out.is_empty() {
@@ -142,21 +142,21 @@ pub(super) fn draw(m: &Matrix) -> String {
     }
     let height = y + 6.0;
     format!(
-        "<figure><svg viewBox=\"0 0 {width:.0} {height:.0}\" role=\"img\" aria-label=\"gap matrix\">{svg}</svg></figure>{}",
+        "<figure class=\"wide\"><svg viewBox=\"0 0 {width:.0} {height:.0}\" role=\"img\" aria-label=\"gap matrix\">{svg}</svg></figure>{}",
         note(m)
     )
 }
 
 fn note(m: &Matrix) -> String {
     let against = match m.references {
-        0 => format!("{} null flights with benign jitter", m.nulls),
-        n => format!("{} null flights with benign jitter and {n} reference flights", m.nulls),
+        0 => format!("{} simulated healthy flights", m.nulls),
+        n => format!("{} simulated healthy flights and {n} accepted ones", m.nulls),
     };
     format!(
-        "<p class=\"note\">Numbers: sigma away from {against}, + where the residual is larger. Orange +, blue \
-         −, stronger up to {FULL:.0} sigma, no colour below {QUIET:.0}. Hatched: not visited, by this flight or by the \
-         null flights: no statement. Dot: survives a false discovery rate of {:.0} % over all {} cells. Hover a cell \
-         for the residual with its unit and limit.</p>",
+        "<p class=\"note\">Each number says by how many sigma a residual of this flight lies above (+, orange) or below \
+         (−, blue) that of {against}: the stronger the colour the farther, up to {FULL:.0} sigma; none below {QUIET:.0}. \
+         Hatched: this flight was not there, or too few of those were. A dot marks what stands out: of all dots at \
+         most {:.0} % are chance, over {} cells. Under the pointer a cell shows its residual with unit and limit.</p>",
         100.0 * m.q,
         m.tested
     )
@@ -188,7 +188,7 @@ fn cell(svg: &mut String, x: f64, y: f64, square: Option<&Square>, name: &str) {
         }
         Some((t, significant)) => {
             let strength = ((t.abs() - QUIET) / (FULL - QUIET)).clamp(0.0, 1.0);
-            let class = if t > 0.0 { "plus" } else { "minus" };
+            let class = sign(t);
             let opacity = if t.abs() < QUIET { 0.0 } else { 0.12 + 0.68 * strength };
             let _ = write!(
                 svg,
@@ -209,6 +209,11 @@ fn cell(svg: &mut String, x: f64, y: f64, square: Option<&Square>, name: &str) {
         }
     }
     svg.push_str("</g>");
+}
+
+/// Class of a sign: its colour, on every picture.
+pub(super) fn sign(t: f64) -> &'static str {
+    if t > 0.0 { "plus" } else { "minus" }
 }
 
 /// Short, with a sign that is as wide as the plus.

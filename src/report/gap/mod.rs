@@ -11,7 +11,7 @@ use std::fmt::Write as _;
 
 use crate::report::html::{self, Cell};
 use crate::report::svg::{Limit, Mark, Plot, Series, Tone, escape};
-use haltere_gap::attribute::{Candidate, Settings};
+use haltere_gap::attribute::{Attribution, Candidate, Settings};
 use haltere_gap::diagnosis::{Diagnosis, Part, ShrinkResult};
 use haltere_gap::door;
 use haltere_gap::outcome::Ending;
@@ -21,6 +21,8 @@ use haltere_model::effects::Block;
 const FULL_DRAWS: usize = 20;
 /// Candidates that the table lists.
 const LISTED: usize = 8;
+/// Width of a drawing that is moved sideways where the screen is narrow, pixels.
+const WIDE_PX: f64 = 700.0;
 /// Sigma from which a block counts as loud, and as very loud.
 const LOUD: [f64; 2] = [3.0, 10.0];
 /// Style of what only this page has.
@@ -74,40 +76,7 @@ pub fn render(d: &Diagnosis) -> String {
         ladder(&mut html, d);
         shrink(&mut html, d);
         next::section(&mut html, d);
-        let (gate, adequacy) = (&attribution.gate, &attribution.adequacy);
-        let tests = [
-            ("Gate: normal score of the whole distance", gate.distance, gate.distance_limit),
-            ("Gate: loudest effect, in sigma of healthy flights", gate.effect, gate.effect_limit),
-            (
-                "Adequacy: log odds that the explanation is not the cause",
-                adequacy.score,
-                adequacy.limit,
-            ),
-            (
-                "Foretold: share of the gap that the first effect predicts in statistics it was not fitted to, at least",
-                adequacy.foretold,
-                adequacy.foretold_limit,
-            ),
-            (
-                "Second effect: evidence relative to the first",
-                attribution.second_effect().unwrap_or(f64::NAN),
-                attribution.pair_limit,
-            ),
-        ];
-        let rows = tests.map(|(name, found, limit)| {
-            let found = if found.is_finite() { format!("{found:.2}") } else { "not tried".into() };
-            vec![name.into(), found.into(), format!("{limit:.2}").into()]
-        });
-        html += &html::titled("Behind the verdict", ["Test", "#Found", "#Limit"], &rows);
-        html += &html::note(&format!(
-            "Gate: above any limit a gap is said to be there. Limits come from held-out flights without a gap; {} \
-             statistics in use, {} unknown on this flight. One report asks about {} effects: limits are such that {:.0} of \
-             100 flights without a gap are given a name.",
-            attribution.used,
-            attribution.unknown.len(),
-            attribution.candidates.len(),
-            100.0 * Settings::for_flights().false_alarm
-        ));
+        behind(&mut html, attribution);
     }
     let rows = d.parameters_changed.iter();
     let rows = rows.map(|p| [&p.key, &p.flown, &p.default].map(Cell::from).into());
@@ -117,7 +86,7 @@ pub fn render(d: &Diagnosis) -> String {
     let [seeds, jitter, draws] = made.bank_flights;
     let _ = write!(
         html,
-        "<footer>Bank {}: {seeds} nominal flights, {jitter} with jitter, {draws} of each of {} effects. Program {}, \
+        "<footer>Bank {}: {seeds} nominal flights, {jitter} with jitter, {draws} or more of each of {} effects. Program {}, \
          source {}. SHA-256 of the log: {}</footer>",
         escape(&d.bank),
         made.library.len(),
@@ -126,6 +95,51 @@ pub fn render(d: &Diagnosis) -> String {
         escape(&made.log_sha256)
     );
     html::close(html)
+}
+
+/// The tests that a verdict went through, with their limits.
+fn behind(html: &mut String, attribution: &Attribution) {
+    let (gate, adequacy) = (&attribution.gate, &attribution.adequacy);
+    let tests = [
+        (
+            "Is there a gap: how far all numbers together lie from healthy flights, more than",
+            gate.distance,
+            gate.distance_limit,
+        ),
+        (
+            "Or: how far the effect that shows most does, in sigma of healthy flights, more than",
+            gate.effect,
+            gate.effect_limit,
+        ),
+        (
+            "Is it the cause: log odds that the explanation is not, less than",
+            adequacy.score,
+            adequacy.limit,
+        ),
+        (
+            "Or: share of the gap that the first effect foretells in numbers that its size was not fitted to, at least",
+            adequacy.foretold,
+            adequacy.foretold_limit,
+        ),
+        (
+            "Is there a second effect: its evidence relative to that of the first, more than",
+            attribution.second_effect().unwrap_or(f64::NAN),
+            attribution.pair_limit,
+        ),
+    ];
+    let rows = tests.map(|(name, found, limit)| {
+        let found = if found.is_finite() { format!("{found:.2}") } else { "not tried".into() };
+        vec![name.into(), found.into(), format!("{limit:.2}").into()]
+    });
+    *html += &html::titled("Behind the verdict", ["Test", "#Found", "#Limit"], &rows);
+    *html += &html::note(&format!(
+        "Limits are learned from simulated flights so that of 100 flights without a gap {:.0} are given a name, though \
+         {} effects are asked about. {} numbers of this flight are looked at; {} more it does not say.",
+        100.0 * Settings::for_flights().false_alarm,
+        attribution.candidates.len(),
+        attribution.used,
+        attribution.unknown.len()
+    ));
 }
 
 /// What is read first, its first sentence in bold; what stands between backticks is typed.
@@ -214,7 +228,9 @@ fn whereabouts(d: &Diagnosis) -> String {
     if let Some(anchor) = first.anchor {
         let _ = write!(text, ", anchor {anchor}");
     }
-    for (word, part) in [("also", Part::Cause), ("follows", Part::Consequence)] {
+    for (word, part) in
+        [("also", Part::Cause), ("what follows from it shows in", Part::Consequence)]
+    {
         let others = d.places.iter().skip(1).filter(|p| p.part == part).take(3);
         let others: Vec<String> = others.map(|p| format!("{} {:.0}", p.block, p.score)).collect();
         if !others.is_empty() {
@@ -222,7 +238,9 @@ fn whereabouts(d: &Diagnosis) -> String {
         }
     }
     if !d.exonerated.is_empty() {
-        let _ = write!(text, "; not {}: replayed bit for bit", d.exonerated.join(", "));
+        let own = d.exonerated.join(", ");
+        let _ =
+            write!(text, "; our own {own} did as they were told, bit for bit, and are no cause");
     }
     if let Some(p) = &d.picture {
         let dots = p.matrix.squares.iter().filter(|s| s.significant).count();
@@ -257,7 +275,7 @@ fn chain(html: &mut String, d: &Diagnosis) {
             Some(b) if b.sigma >= LOUD[0] => ("loud", sigma(b.sigma)),
             Some(b) => ("", sigma(b.sigma)),
         };
-        let follows = if block.is_consequence() { ", follows" } else { "" };
+        let follows = if block.is_consequence() { ", no cause" } else { "" };
         let place = d.places.iter().find(|p| p.block == name);
         let anchor =
             place.and_then(|p| p.anchor).map_or(String::new(), |a| format!(", anchor {a}"));
@@ -268,8 +286,9 @@ fn chain(html: &mut String, d: &Diagnosis) {
     }
     let _ = write!(
         html,
-        "</div><p class=\"note\">Sigma above flights without a gap; heavy border from {} sigma, \
-         heaviest where the cause most likely is. Our own software cannot be it.</p>",
+        "</div><p class=\"note\">By how many sigma each part of the vehicle, from command to sensors, lies above flights \
+         without a gap; orange border from {} sigma, heaviest where the cause most likely is. Our own software shows \
+         what follows from a cause and is none.</p>",
         LOUD[0]
     );
 }
@@ -285,8 +304,12 @@ fn effects(html: &mut String, d: &Diagnosis) {
             let head = [named, format!("{:.2}", effect.probability)];
             let head = if k == 0 { head } else { [String::new(), String::new()] };
             let unit = if p.unit.is_empty() { "" } else { ", " };
-            let interval = format!("{:.4} to {:.4}", p.low, p.high);
-            let rest = [format!("{}{unit}{}", p.name, p.unit), format!("{:.4}", p.value), interval];
+            // Nothing lies between two choices.
+            let [value, interval] = match &p.chosen {
+                Some(chosen) => [chosen.clone(), String::new()],
+                None => [format!("{:.4}", p.value), format!("{:.4} to {:.4}", p.low, p.high)],
+            };
+            let rest = [format!("{}{unit}{}", p.name, p.unit), value, interval];
             head.into_iter().chain(rest).map(Cell::from).collect()
         })
     });
@@ -328,7 +351,8 @@ fn bars(
         size_px: [width_px, 230.0],
         ..Plot::default()
     };
-    format!("<figure class=\"bars\" style=\"max-width:{width_px:.0}px\">{}</figure>", plot.render())
+    let wide = if width_px > WIDE_PX { " wide" } else { "" };
+    format!("<div class=\"bars{wide}\" style=\"max-width:{width_px:.0}px\">{}</div>", plot.render())
 }
 
 /// What each further explanation leaves.
@@ -336,13 +360,13 @@ fn ladder(html: &mut String, d: &Diagnosis) {
     if d.ladder.len() < 2 {
         return;
     }
-    html.push_str("<h2>Ladder</h2><div class=\"two\">");
+    html.push_str("<h2>What each effect leaves</h2><div class=\"two\">");
     let limit = d.attribution.as_ref().map_or(f64::NAN, |a| a.gate.distance_limit);
     let here: Vec<(String, Vec<(Tone, f64)>)> =
         d.ladder.iter().map(|r| (r.name.clone(), vec![(Tone::Estimate, r.left)])).collect();
     html.push_str(&bars(
         "On this flight, fitted to it",
-        "left, normal score",
+        "left of the gap, sigma",
         &here,
         vec![Limit { name: format!("limit of flights without a gap {limit:.1}"), y: limit }],
         500.0,
@@ -358,9 +382,9 @@ fn ladder(html: &mut String, d: &Diagnosis) {
             "mean squared sigma",
             &held,
             vec![
-                Limit { name: format!("floor {:.2}", s.floor), y: s.floor },
+                Limit { name: format!("of healthy flights {:.2}", s.floor), y: s.floor },
                 Limit {
-                    name: format!("floor + noise {:.2}", s.floor + s.noise),
+                    name: format!("no gap below {:.2}", s.floor + s.noise),
                     y: s.floor + s.noise,
                 },
             ],
@@ -368,8 +392,9 @@ fn ladder(html: &mut String, d: &Diagnosis) {
         )),
         _ => html.push_str("<p>On held-out flights: not measured.</p>"),
     }
-    html.push_str("</div><p class=\"note\">Left side: how much more than noise is left, 0 where nothing is; it falls \
-        with every parameter, so only the right side says whether a step pays.</p>");
+    html.push_str("</div><p class=\"note\">What is left as effects are added to the simulator, first one, then another. \
+        The left side falls with every effect that is fitted, 0 is nothing left; whether one pays only the right side \
+        says, on flights that it was not fitted to.</p>");
 }
 
 fn shrink(html: &mut String, d: &Diagnosis) {
@@ -436,21 +461,22 @@ fn candidates(html: &mut String, d: &Diagnosis) {
             format!("{:.2}", c.explained).into(),
             format!("{:.1}", c.residual_score).into(),
             shrunk.map_or("not flown".to_owned(), |v| format!("{v:.2}")).into(),
-            why_not(k, c, first).into(),
+            Cell::of(html::WRAPS, &why_not(k, c, first)),
         ]
     });
     let heads = [
         "Effect",
         "#Probability",
-        "#Log evidence over none",
+        "#Log evidence",
         "#Explained",
-        "#Left unexplained",
-        "#Held-out shrink",
+        "#Left, sigma",
+        "#Closes elsewhere",
         "Why not",
     ];
     *html += &html::titled("Candidates", heads, &rows.collect::<Vec<_>>());
     *html += &html::note(
-        "Explained: share of the gap. Left unexplained: normal score of the distance that remains, near 0 when nothing does.",
+        "Log evidence: over no effect at all. Explained: share of the gap on this flight. Left: near 0 when nothing is. \
+         Closes elsewhere: share of the gap that it closes on flights that it was not fitted to.",
     );
 }
 

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::matrix::{sign, words};
 use crate::report::svg::{Mark, Pin, Plot, Series, Span, Tone, escape};
 use haltere_gap::picture::onset::Onset;
 use haltere_gap::picture::{FloorPlan, Node, Picture, Signature, Strip};
@@ -19,6 +20,9 @@ const LOUD: f64 = 3.0;
 const PATHS: usize = 6;
 /// Sigma at full strength of the colour.
 const FULL: f64 = 10.0;
+
+/// Name of simulated flights with the effects that the verdict names.
+const WITH_NAMED: &str = "simulated with what was named";
 
 /// The plan with its note.
 pub(super) fn plan(p: &FloorPlan) -> String {
@@ -48,8 +52,9 @@ pub(super) fn plan(p: &FloorPlan) -> String {
                     if t.abs() < 2.0 { 0.0 } else { 0.1 + 0.6 * (t.abs() / FULL).min(1.0) };
                 let _ = write!(
                     svg,
-                    "<g><title>UWB residual {t:+.1} sigma</title><rect class=\"cell loudness\" {rect} \
+                    "<g><title>UWB residual {t:+.1} sigma</title><rect class=\"cell {}\" {rect} \
                      fill-opacity=\"{opacity:.2}\"/><text class=\"num\" x=\"{:.1}\" y=\"{:.1}\">{t:+.1}{}</text></g>",
+                    sign(t),
                     0.5 * (x0 + x1),
                     y1 - 6.0,
                     if place.significant { " ●" } else { "" }
@@ -76,8 +81,11 @@ pub(super) fn plan(p: &FloorPlan) -> String {
         ns * scale
     );
     paths(&mut svg, p, &x, &y);
-    for node in &p.anchors {
-        anchor(&mut svg, node, spot(p, node, &x, &y), high(p, node));
+    // Names after all marks: none lies under a neighbour.
+    for draw in [anchor, name] {
+        for node in &p.anchors {
+            draw(&mut svg, p, node, spot(p, node, &x, &y));
+        }
     }
     let _ = write!(
         svg,
@@ -91,10 +99,11 @@ pub(super) fn plan(p: &FloorPlan) -> String {
     );
     format!(
         "<figure style=\"max-width:{w:.0}px\"><svg viewBox=\"0 0 {w:.0} {h:.0}\" role=\"img\" \
-         aria-label=\"floor plan\">{svg}</svg></figure><p class=\"note\">Squares: UWB residual of the place, sigma, \
-         blue from 2; hatched: not visited. Arrows: horizontal force beyond null flights, from 2 sigma, {ARROW_PX:.0} px \
-         for 1 m/s². Anchors: circle high, square low, with their own part of the residuals; heavy from {LOUD} \
-         sigma. Orange lines: paths whose residual is not the anchors' own.</p>"
+         aria-label=\"floor plan\">{svg}</svg></figure><p class=\"note\">From above. Squares: by how many sigma UWB is \
+         off at that place, coloured as above; hatched: not visited. Anchors: a circle hangs high, a square stands \
+         low; a heavy one measures too long (+) or too short by what stands beside it, from {LOUD} sigma. Lines: only \
+         between these two anchors something is off. Arrows: a push that healthy flights do not feel, {ARROW_PX:.0} px for \
+         1 m/s².</p>"
     )
 }
 
@@ -113,33 +122,52 @@ fn spot(p: &FloorPlan, node: &Node, x: &impl Fn(f64) -> f64, y: &impl Fn(f64) ->
     [x(east) + out * side(east, p.east_m), y(north) - 0.5 * out * side(north, p.north_m)]
 }
 
-fn anchor(svg: &mut String, node: &Node, [x, y]: [f64; 2], high: bool) {
-    let loud = node.t.is_some_and(|t| t.abs() >= LOUD);
-    let class = if loud { "node bad" } else { "node" };
+fn is_loud(node: &Node) -> bool {
+    node.t.is_some_and(|t| t.abs() >= LOUD)
+}
+
+fn anchor(svg: &mut String, p: &FloorPlan, node: &Node, [x, y]: [f64; 2]) {
+    let class = if is_loud(node) { "node bad" } else { "node" };
     let text = match (node.node_m, node.t) {
         (Some(m), Some(t)) => format!("anchor {}: {m:+.3} m, {t:+.1} sigma", node.id),
         _ => format!("anchor {}: not measured", node.id),
     };
-    let mark = if high {
+    let mark = if high(p, node) {
         format!("<circle class=\"{class}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"9\"/>")
     } else {
         let (a, b) = (x - 8.0, y - 8.0);
         format!("<rect class=\"{class}\" x=\"{a:.1}\" y=\"{b:.1}\" width=\"16\" height=\"16\"/>")
     };
+    let _ = write!(
+        svg,
+        "<g><title>{}</title>{mark}<text class=\"num\" x=\"{x:.1}\" y=\"{:.1}\">{}</text></g>",
+        escape(&text),
+        y + 3.5,
+        node.id
+    );
+}
+
+/// What is said beside an anchor: outside of a high one, inside of a low one, which often share a corner.
+fn name(svg: &mut String, p: &FloorPlan, node: &Node, [x, y]: [f64; 2]) {
     let label = match node.node_m {
-        Some(m) if loud => format!("{m:+.2} m"),
-        Some(_) => String::new(),
+        Some(m) if is_loud(node) => format!("{m:+.2} m"),
+        Some(_) => return,
         None => "?".to_owned(),
+    };
+    let [north, east, _] = node.position_m;
+    let is_north = north > 0.5 * (p.north_m[0] + p.north_m[1]);
+    let is_east = east > 0.5 * (p.east_m[0] + p.east_m[1]);
+    let (dx, dy, from) = match (high(p, node), is_north, is_east) {
+        (true, true, _) => (0.0, -14.0, "middle"),
+        (true, false, _) => (0.0, 22.0, "middle"),
+        (false, _, true) => (-12.0, 3.5, "end"),
+        (false, _, false) => (12.0, 3.5, "start"),
     };
     let _ = write!(
         svg,
-        "<g><title>{}</title>{mark}<text class=\"num\" x=\"{x:.1}\" y=\"{:.1}\">{}</text>\
-         <text class=\"num\" x=\"{x:.1}\" y=\"{:.1}\" font-weight=\"700\">{}</text></g>",
-        escape(&text),
-        y + 3.5,
-        node.id,
-        y + 22.0,
-        escape(&label)
+        "<text class=\"num own\" style=\"text-anchor:{from}\" x=\"{:.1}\" y=\"{:.1}\">{label}</text>",
+        x + dx,
+        y + dy
     );
 }
 
@@ -155,11 +183,12 @@ fn paths(svg: &mut String, p: &FloorPlan, x: &impl Fn(f64) -> f64, y: &impl Fn(f
         let (Some(a), Some(b)) = (end(path.anchors[0]), end(path.anchors[1])) else { continue };
         let _ = write!(
             svg,
-            "<g><title>path {} to {}: {:+.3} m, {t:+.1} sigma</title><line class=\"path\" x1=\"{:.1}\" y1=\"{:.1}\" \
+            "<g><title>path {} to {}: {:+.3} m, {t:+.1} sigma</title><line class=\"path {}\" x1=\"{:.1}\" y1=\"{:.1}\" \
              x2=\"{:.1}\" y2=\"{:.1}\" stroke-width=\"{:.1}\" stroke-opacity=\".55\"/></g>",
             path.anchors[0],
             path.anchors[1],
             path.loop_m,
+            sign(t),
             a[0],
             a[1],
             b[0],
@@ -190,13 +219,14 @@ fn arrow(svg: &mut String, [x, y]: [f64; 2], [dx, dy]: [f64; 2], title: &str) {
 pub(super) fn strip(p: &Picture) -> String {
     let Some(s) = &p.strip else { return String::new() };
     let Strip { label, real, band, fitted } = s;
+    let label = with_unit(label);
     let line = |values: &mut dyn Iterator<Item = Option<f64>>| -> Vec<[f64; 2]> {
         values.enumerate().map(|(t, v)| [t as f64, v.unwrap_or(f64::NAN)]).collect()
     };
     let series = |name: &str, tone, mark, points| Series { name: name.into(), tone, mark, points };
     let mut all = vec![
         series(
-            "95 % of null flights",
+            "95 of 100 healthy flights",
             Tone::Family(5),
             Mark::Dashed,
             line(&mut band.iter().map(|b| b.map(|b| b[0]))),
@@ -204,18 +234,13 @@ pub(super) fn strip(p: &Picture) -> String {
         series("", Tone::Family(5), Mark::Dashed, line(&mut band.iter().map(|b| b.map(|b| b[1])))),
     ];
     if fitted.iter().any(Option::is_some) {
-        all.push(series(
-            "with what was named",
-            Tone::Estimate,
-            Mark::Line,
-            line(&mut fitted.iter().copied()),
-        ));
+        all.push(series(WITH_NAMED, Tone::Estimate, Mark::Line, line(&mut fitted.iter().copied())));
     }
     all.push(series("this flight", Tone::Truth, Mark::Line, line(&mut real.iter().copied())));
     let plot = Plot {
-        title: format!("Loudest residual over time: {label}"),
+        title: format!("The residual that stands out most, over time: {label}"),
         x_label: "time since the first thrust, s".into(),
-        y_label: label.clone(),
+        y_label: label,
         series: all,
         spans: onset_span(&p.onset, real.len()),
         pins: Vec::<Pin>::new(),
@@ -223,11 +248,20 @@ pub(super) fn strip(p: &Picture) -> String {
         ..Plot::default()
     };
     format!(
-        "{}<p class=\"note\">Onset: {}. Shaded: after it. Residuals that were asked: {}.</p>",
+        "<div class=\"wide\">{}</div><p class=\"note\">It began: {}{}. Told by the residuals {}.</p>",
         plot.render(),
         escape(&p.onset.words()),
-        escape(&p.onset.lines.join(", "))
+        if p.onset.at_s.is_some() { "; shaded after that" } else { "" },
+        escape(&p.onset.lines.iter().map(|line| words(line)).collect::<Vec<_>>().join(", "))
     )
+}
+
+/// `AttitudePitch, rad` to "attitude pitch, rad".
+fn with_unit(label: &str) -> String {
+    match label.split_once(", ") {
+        Some((name, unit)) => format!("{}, {unit}", words(name)),
+        None => words(label),
+    }
 }
 
 fn onset_span(onset: &Onset, length: usize) -> Vec<Span> {
@@ -245,22 +279,22 @@ pub(super) fn signature(s: &Signature) -> String {
     };
     let mut all = vec![
         series("this flight", Tone::Truth, Mark::Dots, &s.real),
-        series("nominal", Tone::Command, Mark::Dashed, &s.nominal),
+        series("healthy", Tone::Command, Mark::Dashed, &s.nominal),
     ];
     if !s.fitted.is_empty() {
-        all.push(series("with what was named", Tone::Estimate, Mark::Line, &s.fitted));
+        all.push(series(WITH_NAMED, Tone::Estimate, Mark::Line, &s.fitted));
     }
     let plot = Plot {
         title: String::new(),
         x_label: s.regressor.into(),
-        y_label: s.label.clone(),
+        y_label: with_unit(&s.label),
         series: all,
         size_px: [520.0, 300.0],
         ..Plot::default()
     };
     format!(
-        "{}<p class=\"note\">One dot a second. Of all regressors the one that the effect's own shift follows best; \
-         correlation on this flight {:+.2}.</p>",
+        "{}<p class=\"note\">One dot for each second: the residual beside what it goes with most. Correlation on this \
+         flight {:+.2}: 0 none, 1 a line.</p>",
         plot.render(),
         s.correlation
     )
