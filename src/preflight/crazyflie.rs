@@ -49,14 +49,16 @@ impl std::fmt::Display for Met {
 /// A way for packets, without a core behind it.
 enum Way {
     Udp(UdpSocket),
-    Radio(radio::Talk),
+    Radio(Box<radio::Talk>),
     Cable(cable::Talk),
 }
 
 impl Way {
     fn open(address: &Address) -> Result<Self, String> {
         match address {
-            Address::Radio(place) => radio::Talk::open(place).map(Self::Radio),
+            Address::Radio(place) => {
+                radio::Talk::open(place).map(|talk| Self::Radio(Box::new(talk)))
+            }
             Address::CrtpUsb => cable::Talk::open().map(Self::Cable),
             Address::CrtpUdp(to) => {
                 let open = || {

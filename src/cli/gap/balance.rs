@@ -163,12 +163,12 @@ fn sound(flight: &MotorFlight, path: &Path, vehicle: &Rotorcraft) -> anyhow::Res
 fn found(flight: &MotorFlight) -> String {
     let is_there =
         |of: fn(&MotorRow) -> Option<f64>| flight.rows.iter().any(|row| of(row).is_some());
-    let beside: [(&str, fn(&MotorRow) -> Option<f64>); 3] = [
-        ("height", |row| row.height_m),
-        ("speed", |row| row.speed_mps),
-        ("voltage", |row| row.supply_v),
+    let beside = [
+        ("height", is_there(|row| row.height_m)),
+        ("speed", is_there(|row| row.speed_mps)),
+        ("voltage", is_there(|row| row.supply_v)),
     ];
-    let there = beside.iter().filter(|(_, of)| is_there(*of)).map(|(what, _)| format!(", {what}"));
+    let there = beside.iter().filter(|(_, is)| *is).map(|(what, _)| format!(", {what}"));
     format!("{}{}", flight.commands, there.collect::<String>())
 }
 

@@ -78,7 +78,8 @@ fn talk<U: Usb>(
         }
         let now = clock::now();
         let goes_on = exchange.waiting.take_from(output, inbox, names, now) && !inbox.stopped();
-        if !goes_on && !(exchange.owes() && exchange.is_heard(now)) {
+        let owes = exchange.owes() && exchange.is_heard(now);
+        if !goes_on && !owes {
             return None;
         }
         match turn(&mut dongle, &mut exchange, clock::now) {

@@ -4,7 +4,7 @@
 //! the number under which `D` holds its records. Records that were lost in writing are whole messages, so the next one is found; where
 //! bytes are damaged, behind the next synchronisation (`S`).
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use super::events::{Event, Kind, Left, text};
 
@@ -58,8 +58,8 @@ pub fn parse(bytes: &[u8], wanted: &[&str]) -> Result<ULog, NoLog> {
     }
     // Version and time of the beginning.
     left.bytes(9);
-    let mut formats: HashMap<String, String> = HashMap::new();
-    let mut layouts: HashMap<u16, Layout> = HashMap::new();
+    let mut formats: BTreeMap<String, String> = BTreeMap::new();
+    let mut layouts: BTreeMap<u16, Layout> = BTreeMap::new();
     let mut log = ULog::default();
     loop {
         let from = left;
@@ -113,8 +113,8 @@ impl ULog {
         &mut self,
         body: &[u8],
         wanted: &[&str],
-        formats: &HashMap<String, String>,
-        layouts: &mut HashMap<u16, Layout>,
+        formats: &BTreeMap<String, String>,
+        layouts: &mut BTreeMap<u16, Layout>,
     ) {
         let mut left = Left::of(body);
         let Some(([instance], id)) = left.take().zip(left.u16()) else { return };
@@ -171,7 +171,7 @@ fn layout(name: &str, format: &str) -> Option<Layout> {
 }
 
 /// One record; how many bytes of it are lost.
-fn record(body: &[u8], layouts: &mut HashMap<u16, Layout>) -> usize {
+fn record(body: &[u8], layouts: &mut BTreeMap<u16, Layout>) -> usize {
     let mut left = Left::of(body);
     let Some(id) = left.u16() else { return body.len() };
     let Some(layout) = layouts.get_mut(&id) else { return 0 };
