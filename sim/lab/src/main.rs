@@ -83,8 +83,7 @@ enum Command {
     Inject(inject::Options),
     /// What the advice of `haltere gap advise` is worth.
     Advise(commands::advise::Advise),
-    /// What magnetometer, barometer and survey check are worth, with and without, in lockstep:
-    /// docs/ESTIMATOR_SIM.md.
+    /// What magnetometer, barometer and survey check are worth, with and without, in lockstep.
     Aids(aids::Options),
     /// Every fault of the catalogue in every part of a flight; writes docs/FAULTS.md's table. Exit code 1
     /// when a flight leaves the fence, or leaves the floor again or crashes where a reaction exists.

@@ -222,7 +222,7 @@ crate::keys! {
 
 crate::keys! {
     /// Bias of the gyroscope in flight (`gyro_bias.rs`).
-    /// Off. The sigma is the change that docs/ESTIMATOR_SIM.md tries; the walk, which was chosen, makes as much of it
+    /// Off. The sigma is the change that `haltere-lab aids` tries; the walk, which was chosen, makes as much of it
     /// in a quarter of an hour.
     #[derive(Copy)]
     pub struct GyroBias {

@@ -42,8 +42,8 @@ pub struct Options {
 /// Flies everything and writes the page.
 pub fn run(options: &Options) -> Result<bool> {
     let n = options.flights.max(1);
-    let command = format!("aids --flights {n} --document");
-    let mut page = INTRODUCTION.replace("aids --document", &command);
+    let command = format!("haltere-lab aids --flights {n}");
+    let mut page = INTRODUCTION.replace("haltere-lab aids", &command);
     type Part = fn(&mut String, u64) -> Result<()>;
     let parts: [(&str, Part); 5] = [
         ("magnetometer", heading::write),
@@ -165,7 +165,7 @@ fn paths(page: &mut String, n: u64) -> Result<()> {
 const INTRODUCTION: &str = "\
 # Estimator: what its aids are worth in simulation
 
-Written by `haltere-lab aids --document docs/ESTIMATOR_SIM.md`; do not edit by hand. Everything here is
+Written by `haltere-lab aids`. Everything here is
 flown in lockstep with the nominal effect set in the hall of 10 × 10 × 7 m, one seed a flight. What the
 estimator does on recorded flights stands in [ESTIMATOR.md](ESTIMATOR.md); these have no magnetometer.
 ";
