@@ -209,11 +209,8 @@ impl Estimator {
         ahead_s: f64,
         record: &mut UwbRecord,
     ) {
-        let floor_m = if self.config.anchor_bias.estimate {
-            self.config.anchor_bias.hidden_below_m.max(FLOOR_M)
-        } else {
-            FLOOR_M
-        };
+        let bias = &self.config.anchor_bias;
+        let floor_m = if bias.estimate { bias.hidden_below_m.max(FLOOR_M) } else { FLOOR_M };
         if self.height_m() > floor_m {
             self.above_floor_at = self.at;
         }
@@ -221,13 +218,12 @@ impl Estimator {
         let rank_a = usize::from(self.ranks[usize::from(tdoa.anchor_a.0)]);
         let rank_b = usize::from(self.ranks[usize::from(tdoa.anchor_b.0)]);
         let biased = self.state.as_ref().is_some_and(|state| state.biases.of_anchors());
-        let correlation_s = if near_floor && !biased {
-            self.config.uwb_correlation_s.max(REST_CORRELATION_S)
-        } else if biased && self.is_near_floor(floor_m) {
-            self.config.uwb_correlation_s.max(HIDDEN_CORRELATION_S)
-        } else {
-            self.config.uwb_correlation_s
+        let least_s = match biased {
+            false if near_floor => REST_CORRELATION_S,
+            true if self.is_near_floor(floor_m) => HIDDEN_CORRELATION_S,
+            _ => 0.0,
         };
+        let correlation_s = self.config.uwb_correlation_s.max(least_s);
         let worth = 0.5
             * (self.worth(tdoa.anchor_a.0, tdoa.valid_at, correlation_s)
                 + self.worth(tdoa.anchor_b.0, tdoa.valid_at, correlation_s));

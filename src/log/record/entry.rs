@@ -157,16 +157,9 @@ pub(super) fn decode(message: &Message<'_>) -> Result<Option<Entry>, prost::Deco
         }
     } else if channel == channels::FILE.0 {
         let answer = pb::FileAnswer::decode(data)?;
-        let fault = match answer.fault {
-            0 => None,
-            // A fault of a newer build: it was not done, for some reason.
-            number => Some(
-                u8::try_from(number)
-                    .ok()
-                    .and_then(FileFault::from_number)
-                    .unwrap_or(FileFault::Failed),
-            ),
-        };
+        // A fault of a newer build: it was not done, for some reason.
+        let known = |number| u8::try_from(number).ok().and_then(FileFault::from_number);
+        let fault = (answer.fault != 0).then(|| known(answer.fault).unwrap_or(FileFault::Failed));
         Entry::Input {
             sequence: answer.sequence,
             at: HostTime::from_us(answer.host_time_us),

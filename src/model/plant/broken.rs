@@ -58,11 +58,10 @@ impl Plant {
             Fault::WingThrust { wing, gain } => {
                 problems.range("fault.gain", gain, 0.0..=2.0, "");
                 if problems.is_empty() {
-                    for (i, g) in self.broken.wing_gain.iter_mut().enumerate() {
-                        if wing.is_none_or(|wing| wing == i) {
-                            *g = gain;
-                        }
-                    }
+                    let gains = self.broken.wing_gain.iter_mut().enumerate();
+                    gains
+                        .filter(|(i, _)| wing.is_none_or(|w| w == *i))
+                        .for_each(|(_, g)| *g = gain);
                 }
             }
             Fault::Servos(kind) => self.broken.servos = (kind, t_s),
@@ -121,11 +120,8 @@ impl Plant {
                     self.port.replay(replay);
                 }
             }
-            Fault::Crazyflie(fault) => {
-                if !self.board.inject(self.t_us(), &fault) {
-                    problems.say("fault: the board is no Crazyflie");
-                }
-            }
+            Fault::Crazyflie(fault) if self.board.inject(self.t_us(), &fault) => {}
+            Fault::Crazyflie(_) => problems.say("fault: the board is no Crazyflie"),
             Fault::SecondBoard(Some(_)) if self.board.has_deck() => {
                 problems.say("fault: a second board speaks MAVLink, this one is a Crazyflie");
             }

@@ -1,8 +1,8 @@
 //! What the board says besides its heartbeat: messages into checked samples with their times.
 
 use haltere_dialect::mav::haltere::{
-    BATTERY_STATUS_DATA, HIGHRES_IMU_DATA, HighresImuUpdatedFlags as Fields, MavMessage,
-    SERVO_OUTPUT_RAW_DATA,
+    ATTITUDE_DATA, BATTERY_STATUS_DATA, HIGHRES_IMU_DATA, HighresImuUpdatedFlags as Fields,
+    MavMessage, SERVO_OUTPUT_RAW_DATA,
 };
 
 use haltere_core::drops::{DropReason, Drops};
@@ -84,17 +84,7 @@ impl BoardLink {
                     None => drops.add(DropReason::BadValue, 1),
                 }
             }
-            MavMessage::ATTITUDE(m) => {
-                let euler = [m.roll, m.pitch, m.yaw].map(f64::from);
-                if euler.iter().all(|a| a.is_finite()) {
-                    self.note_age(u64::from(m.time_boot_ms) * 1000, at);
-                    let valid_at = self.stamp(u64::from(m.time_boot_ms) * 1000, at);
-                    let attitude = Rot::from_euler_rad(euler[0], euler[1], euler[2]);
-                    self.attitude(at, valid_at, attitude, news);
-                } else {
-                    drops.add(DropReason::BadValue, 1);
-                }
-            }
+            MavMessage::ATTITUDE(m) => self.euler_attitude(at, m, drops, news),
             MavMessage::BATTERY_STATUS(m) => {
                 // Unused cells read 65535; a pack that reports only its sum puts it first.
                 let supply_mv: u32 =
@@ -152,6 +142,23 @@ impl BoardLink {
                 Some(Err(())) => drops.add(DropReason::BadValue, 1),
                 None => drops.add(DropReason::MavIgnored, 1),
             },
+        }
+    }
+
+    fn euler_attitude(
+        &mut self,
+        at: HostTime,
+        m: &ATTITUDE_DATA,
+        drops: &mut Drops,
+        news: &mut Vec<BoardNews>,
+    ) {
+        let [roll_rad, pitch_rad, yaw_rad] = [m.roll, m.pitch, m.yaw].map(f64::from);
+        if [roll_rad, pitch_rad, yaw_rad].iter().all(|a| a.is_finite()) {
+            self.note_age(u64::from(m.time_boot_ms) * 1000, at);
+            let valid_at = self.stamp(u64::from(m.time_boot_ms) * 1000, at);
+            self.attitude(at, valid_at, Rot::from_euler_rad(roll_rad, pitch_rad, yaw_rad), news);
+        } else {
+            drops.add(DropReason::BadValue, 1);
         }
     }
 
