@@ -1,8 +1,8 @@
 //! An effect to hide: drawn from the library, as strong as those of the sealed suite.
 
 use haltere_core::checks::Problems;
+use haltere_gap::bank::library::with_effect;
 use haltere_gap::bank::library::{at_share, axes, draws, standard};
-use haltere_gap::bank::make_bank::with_effect;
 use haltere_gap::scene::Scene;
 use haltere_model::PlantConfig;
 use haltere_model::effects::{self, EffectSpec};

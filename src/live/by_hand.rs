@@ -7,9 +7,10 @@ use std::sync::Arc;
 use tokio::sync::mpsc::{Receiver, channel};
 
 use super::core::{Core, Rounds};
-use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Shared, input_queues};
+use super::inbox::{Inbox, input_queues};
 use super::mailbox::{Mailbox, mailbox};
 use super::pool::Pool;
+use super::shared::{OUTPUT_QUEUE_CHUNKS, Shared};
 use super::{LiveError, NEWS_QUEUE, OUT_BYTES, SPARE_CHUNKS, Stop, files};
 use crate::watch::Feed;
 use haltere_core::survey::Survey;

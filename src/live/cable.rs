@@ -134,9 +134,10 @@ mod tests {
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-    use super::super::inbox::{Shared, Waits, What, input_queues};
+    use super::super::inbox::{What, input_queues};
     use super::super::mailbox::{Outgoing, mailbox};
     use super::super::pool::Pool;
+    use super::super::shared::{Shared, Waits};
     use super::*;
     use haltere_pilot::LinkId;
 

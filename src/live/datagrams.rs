@@ -235,8 +235,9 @@ mod tests {
 
     #[test]
     fn regress_what_is_meant_for_one_board_reaches_no_other() {
-        use super::super::inbox::{Shared, input_queues};
+        use super::super::inbox::input_queues;
         use super::super::pool::Pool;
+        use super::super::shared::Shared;
         use haltere_pilot::LinkId;
 
         let (entrance, _arrivals) = input_queues();
@@ -251,7 +252,7 @@ mod tests {
         addresses.iter().for_each(|address| assert!(heard.heard(*address, clock::now())));
         let mut buffer = [0; 8];
         let mut got = |far: &mut Far, to| {
-            let waits = super::super::inbox::Waits::new(&Default::default(), LinkId::Board);
+            let waits = super::super::shared::Waits::new(&Default::default(), LinkId::Board);
             let bytes = pool.lend(&[7]).unwrap();
             let outgoing = Outgoing { link: LinkId::Board, to, bytes, _waits: waits };
             far.send(&socket, &inbox, outgoing);

@@ -7,9 +7,10 @@ use std::time::Duration;
 
 use tokio::net::TcpListener;
 
-use super::inbox::{Inbox, Shared};
+use super::inbox::Inbox;
 use super::mailbox::Mailbox;
 use super::realtime::{Urgency, hurry};
+use super::shared::Shared;
 use super::{Port, cable, datagrams, radio, serial, tcp};
 
 /// How often it is looked whether to end.

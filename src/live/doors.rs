@@ -9,7 +9,7 @@ use std::time::Duration;
 use haltere_dialect::signing::SigningKey;
 
 use super::clock;
-use super::inbox::Shared;
+use super::shared::Shared;
 use crate::sources::{KeyFileError, read_key, read_time, time_file};
 use crate::store::{replace, replace_private};
 use haltere_core::drops::{DropReason, Drops};

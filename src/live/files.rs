@@ -5,7 +5,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use super::inbox::Shared;
+use super::shared::Shared;
 use crate::store::{Answer, Store};
 use haltere_pilot::services::{FileFault, FileRequest, PARAMETERS_TICKET};
 

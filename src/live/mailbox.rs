@@ -14,8 +14,9 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::pipe::{PipeFlags, pipe_with};
 use tokio::net::unix::pipe;
 
-use super::inbox::{Inbox, Waits};
+use super::inbox::Inbox;
 use super::pool::Chunk;
+use super::shared::Waits;
 use haltere_core::drops::DropReason;
 use haltere_pilot::LinkId;
 

@@ -10,7 +10,7 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::inbox::Shared;
+use super::shared::Shared;
 
 /// Longest time between looks at the core: its wake-ups come each 10 ms.
 const LONGEST: Duration = Duration::from_secs(1);

@@ -11,9 +11,10 @@ use tokio::time::{Duration, Instant, interval};
 
 use super::clock;
 use super::frames::WholeFrames;
-use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS};
+use super::inbox::Inbox;
 use super::mailbox::{Mailbox, Outgoing, Refused, Slot, mailbox};
 use super::seats::{Places, Seat};
+use super::shared::OUTPUT_QUEUE_CHUNKS;
 use super::tcp::{ACCEPT_PAUSE, RETRY, accept_after, talk};
 use super::udp::{DATAGRAM_BYTES, send};
 use haltere_core::drops::DropReason;

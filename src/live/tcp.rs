@@ -10,8 +10,9 @@ use tokio::time::Instant;
 
 use super::clock;
 use super::frames::WholeFrames;
-use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS};
+use super::inbox::Inbox;
 use super::mailbox::{Mailbox, Outgoing, Refused};
+use super::shared::OUTPUT_QUEUE_CHUNKS;
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 use haltere_pilot::settings::HostPort;
@@ -203,9 +204,10 @@ mod tests {
     use haltere_dialect::mav::haltere::{HEARTBEAT_DATA, MavMessage};
     use haltere_dialect::mav_stream;
 
-    use super::super::inbox::{Shared, What, input_queues};
+    use super::super::inbox::{What, input_queues};
     use super::super::mailbox::mailbox;
     use super::super::pool::Pool;
+    use super::super::shared::Shared;
     use super::*;
     use haltere_pilot::LinkId;
 
@@ -241,7 +243,7 @@ mod tests {
         }
         let to = Some(boards[1].local_addr().unwrap());
         for (to, bytes) in [(to, b"one"), (None, b"all")] {
-            let waits = super::super::inbox::Waits::new(&Default::default(), LinkId::Board);
+            let waits = super::super::shared::Waits::new(&Default::default(), LinkId::Board);
             let bytes = pool.lend(bytes).unwrap();
             let outgoing = Outgoing { link: LinkId::Board, to, bytes, _waits: waits };
             assert!(output.put(outgoing).is_ok());

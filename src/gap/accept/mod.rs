@@ -118,7 +118,7 @@ pub fn edit_scenario(text: &str, spec: &EffectSpec, theta: &[f64]) -> Result<Str
 pub fn edit_vehicle(text: &str, spec: &EffectSpec, theta: &[f64]) -> Result<String, EditError> {
     let before = Vehicle::from_toml(text).map_err(|e| EditError::Parse(e.to_string()))?;
     let mut after = before.clone();
-    let set = crate::bank::make_bank::with_effect(EffectSet::none(), spec, theta)
+    let set = crate::bank::library::with_effect(EffectSet::none(), spec, theta)
         .map_err(|e| EditError::Value(e.to_string()))?;
     // The bank of effects makes the edit, as it does at the start of a flight.
     let (mut board, mut sites) = (BoardSettings::default(), Vec::new());

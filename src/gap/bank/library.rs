@@ -8,7 +8,7 @@
 //! such things come, and a loud component would otherwise hide what a quiet one looks like.
 
 use crate::bank::axis::{Axis, Size};
-use crate::bank::make_bank::with_effect;
+use haltere_core::checks::Problems;
 use haltere_model::Vehicle;
 use haltere_model::effects::{self, ALL, Choice, EffectSet, EffectSpec, Kind, ParameterSpec, Role};
 use haltere_model::random::Stream;
@@ -207,6 +207,17 @@ fn shuffled(count: usize, rng: &mut Stream) -> Vec<usize> {
         order.swap(k, other.min(k));
     }
     order
+}
+
+/// An effect on, with all its values.
+pub fn with_effect(
+    effects: EffectSet,
+    spec: &EffectSpec,
+    theta: &[f64],
+) -> Result<EffectSet, Problems> {
+    let values: Vec<(&str, f64)> =
+        spec.parameters.iter().map(|p| p.name).zip(theta.iter().copied()).collect();
+    effects.with(spec.id, &values)
 }
 
 #[cfg(test)]

@@ -23,7 +23,7 @@ use crate::scene::Scene;
 use crate::shrink::scales;
 use haltere_core::checks::Problems;
 use haltere_core::frames::Vec3;
-use haltere_model::effects::{EffectSet, EffectSpec, Kind, ParameterSpec, Role, Source};
+use haltere_model::effects::{EffectSpec, Kind, ParameterSpec, Role, Source};
 use haltere_model::random::Stream;
 use haltere_model::{PlantConfig, Vehicle};
 
@@ -532,7 +532,8 @@ impl Hand<'_> {
             plant = jittered(plant).map_err(|_| End::Refused)?;
         }
         if let Some((spec, theta)) = effect {
-            plant.effects = with_effect(plant.effects, spec, theta).map_err(|_| End::Refused)?;
+            plant.effects =
+                library::with_effect(plant.effects, spec, theta).map_err(|_| End::Refused)?;
         }
         fly_observed_into(trace, scene, items, plant, scene.pilot.clone()).map_err(
             |why| match why {
@@ -551,17 +552,6 @@ impl Hand<'_> {
         }
         statistics_of(trace, &self.nominal).map_err(|_| End::NotObservable)
     }
-}
-
-/// An effect on, with all its values.
-pub fn with_effect(
-    effects: EffectSet,
-    spec: &EffectSpec,
-    theta: &[f64],
-) -> Result<EffectSet, Problems> {
-    let values: Vec<(&str, f64)> =
-        spec.parameters.iter().map(|p| p.name).zip(theta.iter().copied()).collect();
-    effects.with(spec.id, &values)
 }
 
 /// The plant with benign changes, drawn from its seed.

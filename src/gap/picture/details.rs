@@ -6,7 +6,8 @@
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
 use crate::bank::fly::fly_observed;
-use crate::bank::make_bank::{jittered, with_effect};
+use crate::bank::library::with_effect;
+use crate::bank::make_bank::jittered;
 use crate::flight::cells::{Cell, cells, channels};
 use crate::flight::residuals::{Channel, Flight, force, uwb};
 use crate::flight::timeline::{NotObservable, STEP_S};

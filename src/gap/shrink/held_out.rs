@@ -8,7 +8,8 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use serde::Serialize;
 
 use crate::bank::fly::fly_observed;
-use crate::bank::make_bank::{jittered, with_effect};
+use crate::bank::library::with_effect;
+use crate::bank::make_bank::jittered;
 use crate::diagnosis::observed;
 use crate::flight::logs::Flown;
 use crate::flight::statistics::{specs, statistics_of};

@@ -9,9 +9,10 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::super::inbox::{Arrivals, Shared, Waits, What, input_queues};
+use super::super::inbox::{Arrivals, What, input_queues};
 use super::super::mailbox::{Outgoing, Slot, mailbox};
 use super::super::pool::Pool;
+use super::super::shared::{Shared, Waits};
 use super::*;
 use haltere_dialect::crtp::packet::Place;
 use haltere_pilot::LinkId;
