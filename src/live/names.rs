@@ -129,11 +129,21 @@ fn kept(folder: &Path, table: Table, asked: &Known) -> Result<Option<Known>, Pat
     let Ok(names) = cache::kept(&path) else { return Err(path) };
     let Some(names) = names else { return Ok(None) };
     let mut known = Known { count: asked.count, crc: asked.crc, ..Known::default() };
-    let mut packets = super::packets::apart(&names);
+    let mut packets = apart(&names);
     let all =
         packets.all(|name| Packet::read(name).is_ok_and(|packet| known.learn(table, &packet)));
     let is_whole = all && known.is_whole() && known.names.len() == names.len();
     if is_whole { Ok(Some(known)) } else { Err(path) }
+}
+
+/// Each packet of a piece that the core sends.
+pub(crate) fn apart(mut bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
+    std::iter::from_fn(move || {
+        let (len, rest) = bytes.split_first()?;
+        let (packet, later) = rest.split_at_checked(usize::from(*len))?;
+        bytes = later;
+        Some(packet)
+    })
 }
 
 #[cfg(test)]
@@ -174,7 +184,7 @@ mod tests {
     fn prop_a_table_is_known_after_a_restart_and_another_one_is_not() {
         let folder = tempfile::tempdir().unwrap();
         let told = learned(folder.path());
-        assert_eq!(super::super::packets::apart(&told).count(), usize::from(COUNT));
+        assert_eq!(apart(&told).count(), usize::from(COUNT));
         let mut names = Names::below(Some(folder.path().to_owned()));
         assert_eq!(names.asked(first().bytes()), None, "nobody has told which table it is");
         names.heard(info(5).bytes());

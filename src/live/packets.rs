@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use super::clock;
 use super::inbox::Inbox;
 use super::mailbox::Mailbox;
-use super::names::Names;
+use super::names::{Names, apart};
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 use haltere_dialect::crtp::packet::{MAX_PACKET, Packet, Place};
@@ -19,17 +19,7 @@ const PIECE: usize = 2048;
 /// Requests that wait; the core has one of each port under way and repeats it after 100 ms.
 const MOST_REQUESTS: usize = 16;
 
-/// Each packet of a piece that the core sends.
-pub(crate) fn apart(mut bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
-    std::iter::from_fn(move || {
-        let (len, rest) = bytes.split_first()?;
-        let (packet, later) = rest.split_at_checked(usize::from(*len))?;
-        bytes = later;
-        Some(packet)
-    })
-}
-
-/// Each packet of such a piece that the vehicle has to answer; what is known of its names is answered here.
+/// Each packet of a piece of the core that the vehicle has to answer; what is known of its names is answered here.
 pub(super) fn out(inbox: &Inbox, names: &mut Names, bytes: &[u8], mut send: impl FnMut(&[u8])) {
     for packet in apart(bytes) {
         let bad_files = names.bad_files;
