@@ -79,8 +79,9 @@ impl Speakers {
         }
         if let Some(other) = believed.filter(|other| ahead != 0 && other.ahead(sequence) == 0) {
             other.take(at, sequence);
-        } else if ours.goes_on(at, sequence) {
-            if ahead > 0 {
+        } else if sequence == 0 || ours.goes_on(at, sequence) {
+            // A board that begins anew counts from 0, at once or after a while.
+            if ahead != 0 {
                 self.before = Some((ours.newest, sequence, at));
             }
             ours.take(at, sequence);
