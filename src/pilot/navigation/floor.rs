@@ -340,11 +340,6 @@ impl Navigation {
         let sink_mps = view.estimate.vel_E_mps().z();
         let light = view.thrust.sent_frac < TOUCH_THRUST_SHARE * base_frac;
         let slow = sink_mps < TOUCH_SPEED_SHARE * view.config.flight.land_slow_speed_mps;
-        // What is below the floor by its own account stands on it, however fast it seems to sink on.
-        let below = view.height_above_floor_m() < 0.0;
-        if below {
-            self.touch.low_frac = Some(TURN_SHARE * base_frac);
-        }
         let low = self.is_near_floor(view);
         let for_s = match low {
             true if self.is_clear_of_floor(view) => TOUCH_CLEAR_FOR_S,
@@ -361,8 +356,7 @@ impl Navigation {
             )
         } else {
             let sink_mps = Some(sink_mps);
-            let is_one = below || (light && slow);
-            self.feel_for_floor(view, way, &Reason { low, is_one, for_s, sink_mps })
+            self.feel_for_floor(view, way, &Reason { low, is_one: light && slow, for_s, sink_mps })
         }
     }
 
