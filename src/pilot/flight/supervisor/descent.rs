@@ -42,12 +42,11 @@ const MOST_LOW: f64 = 0.84;
 /// Share without a barometer. With a drag of 0.65 to 1 1/s a deficit of 8 % sinks at 0.8 to 1.2 m/s.
 const BLIND_SHARE: f64 = 0.92;
 /// Where the accelerometer does not tell of the floor either, so much of the share is taken away per second from the
-/// moment on in which the floor may have come, down to what the ground effect does not throw up, a tenth less; and from
+/// moment on in which the floor may have come, down to what the ground effect hardly throws up ([`MOST_LOW`]); and from
 /// the moment on in which it should have come, down to the least with which a search for the floor ends. That only from so
 /// low, m, that a descent which is slower than this, m/s, falls no more than half a metre then.
 const BLIND_PER_S: f64 = 0.15;
 const BLIND_LEAST: f64 = 0.55;
-const BLIND_TAKEN: f64 = 0.1;
 const BLIND_FROM_M: f64 = 1.5;
 const BLIND_MPS: f64 = 0.65;
 /// A vehicle that rises when the way down begins comes to its speed upward times this higher, s: h = h₀ + T w₀, with T below
@@ -173,7 +172,7 @@ impl Descent {
         let has_come = |from_m: f64| self.elapsed_s > from_m / BLIND_MPS;
         if self.numb && self.baro_age_s >= SILENT_S && has_come(self.known_m) {
             let surely = self.known_m < BLIND_FROM_M && has_come(self.from_m);
-            let most = if surely { f64::INFINITY } else { BLIND_TAKEN };
+            let most = if surely { f64::INFINITY } else { BLIND_SHARE - MOST_LOW };
             self.taken = (self.taken + BLIND_PER_S * dt_s).min(most.max(self.taken));
             if share - self.taken < BLIND_LEAST {
                 return None;
