@@ -11,11 +11,12 @@ use super::peers::GONE_S;
 
 /// So many frames a second a line carries at most: 921600 baud with frames of 46 bytes.
 const MOST_HZ: f64 = 2000.0;
-/// Datagrams overtake each other by no more frames.
+/// Datagrams overtake each other by no more frames. Assumed: pairs that are swapped, and one of them lost.
 const OVERTAKEN: i8 = 4;
 /// Ours is silent after this time, s: it speaks hundreds of times a second.
 const SILENT_S: f64 = 0.05;
-/// The other is believed when so many of its frames have followed one another.
+/// The other is believed when so many of its frames have followed one another. Assumed: one that overtakes is no second board, and by
+/// chance a number follows in one of 256.
 const FOLLOWED: u32 = 3;
 
 /// One count of frames.
