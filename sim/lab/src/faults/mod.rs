@@ -22,7 +22,7 @@ use tables::Report;
 pub struct Options {
     #[command(flatten)]
     run: Run,
-    /// Write the table there, as docs/FAULTS.md, and the same as JSON beside it.
+    /// Write the table there, as docs/FAULTS.md. The same by fault stands in the folder of the results as faults.json.
     #[arg(long, value_name = "FILE")]
     doc: Option<PathBuf>,
     /// Only a fixed share: every fault in this many of the parts of a flight, every part equally often.
@@ -32,8 +32,8 @@ pub struct Options {
     /// part of the flight and every repetition, or the share that --sample leaves.
     #[arg(long, value_name = "NAME", num_args = 1..)]
     only: Vec<String>,
-    /// Exit code 1 only where a fault is not safe that was safe in all flights of this earlier result (the
-    /// JSON beside docs/FAULTS.md), or a flight panics. A fault that it does not know is new, and judged by the
+    /// Exit code 1 only where a fault is not safe that was safe in all flights of this earlier result (a
+    /// faults.json; the kept one is sim/lab/FAULTS.json), or a flight panics. A fault that it does not know is new, and judged by the
     /// bounds alone.
     #[arg(long, value_name = "FILE")]
     against: Option<PathBuf>,
@@ -61,7 +61,6 @@ pub fn run(options: &Options) -> Result<bool> {
     if let Some(doc) = &options.doc {
         let inputs: Vec<&PathBuf> = options.against.iter().collect();
         written::look(doc, &inputs).context("--doc")?;
-        written::look(&doc.with_extension("json"), &inputs).context("--doc")?;
     }
     if let Some(row) = again_alone(&campaign, run, &[])? {
         print_json(&row)?;
@@ -78,8 +77,8 @@ pub fn run(options: &Options) -> Result<bool> {
     let json = serde_json::to_string_pretty(&report.json())? + "\n";
     if let Some(doc) = &options.doc {
         write_whole(doc, report.markdown().as_bytes())?;
-        write_whole(&doc.with_extension("json"), json.as_bytes())?;
     }
+    write_whole(&run.out.join("faults.json"), json.as_bytes())?;
     if options.json {
         print(&json)?;
     } else {

@@ -273,7 +273,7 @@ impl Report<'_> {
             text,
             "\nTarget: no flight leaves the fence; where a reaction exists none leaves the floor again and none crashes: **{}**. In {} flights the fault \
              did not come, because the flight was over before.\n\n## By group of faults and part of the flight\n\nFlights \
-             that were safe, and those that were not; by fault in FAULTS.json.\n\n{}",
+             that were safe, and those that were not; by fault in sim/lab/FAULTS.json.\n\n{}",
             if self.target_is_met() { "met" } else { "missed" },
             self.missed(),
             self.table(|entry| entry.group)
