@@ -1,43 +1,20 @@
-//! The normal distribution and Student's.
+//! Quantiles: of the normal distribution, of Student's, of what was seen.
 
-/// Φ(z), Abramowitz & Stegun 26.2.17, error below 7.5e-8.
+use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+
+/// Φ(z).
 pub(super) fn share(z: f64) -> f64 {
-    let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
-    let poly = t
-        * (0.319_381_530
-            + t * (-0.356_563_782
-                + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429))));
-    let tail = (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt() * poly;
-    if z >= 0.0 { 1.0 - tail } else { tail }
+    Normal::standard().cdf(z)
 }
 
-/// Φ⁻¹(p) by bisection.
+/// Φ⁻¹(p).
 pub(super) fn quantile(p: f64) -> f64 {
-    let (mut low, mut high) = (-8.0, 8.0);
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if share(middle) < p {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    0.5 * (low + high)
+    Normal::standard().inverse_cdf(p)
 }
 
-/// Quantile of Student's t by its expansion about the normal one, Abramowitz & Stegun 26.7.5: right to 0.01 from four
-/// degrees of freedom on, for `p` up to 0.995.
+/// Quantile of Student's t; of at least one degree of freedom.
 pub(super) fn student_quantile(p: f64, freedom: f64) -> f64 {
-    let z = quantile(p);
-    let n = freedom.max(1.0);
-    let odd = |terms: [f64; 5]| {
-        let even = terms.iter().rev().fold(0.0, |sum, c| sum * z * z + c);
-        z * even
-    };
-    z + odd([1.0, 1.0, 0.0, 0.0, 0.0]) / (4.0 * n)
-        + odd([3.0, 16.0, 5.0, 0.0, 0.0]) / (96.0 * n.powi(2))
-        + odd([-15.0, 17.0, 19.0, 3.0, 0.0]) / (384.0 * n.powi(3))
-        + odd([-945.0, -1920.0, 1482.0, 776.0, 79.0]) / (92_160.0 * n.powi(4))
+    StudentsT::new(0.0, 1.0, freedom.max(1.0)).map_or(f64::NAN, |t| t.inverse_cdf(p))
 }
 
 /// Sigma above the mean of `count` values below which the next one lies with probability `p`:
@@ -45,6 +22,18 @@ pub(super) fn student_quantile(p: f64, freedom: f64) -> f64 {
 pub(super) fn prediction_factor(p: f64, count: usize) -> f64 {
     let n = count.max(2) as f64;
     student_quantile(p, n - 1.0) * (1.0 + 1.0 / n).sqrt()
+}
+
+/// The middle value, the mean of both where there are two; NaN where there is none.
+pub(super) fn median(values: impl IntoIterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.into_iter().collect();
+    values.sort_by(f64::total_cmp);
+    let middle = values.len() / 2;
+    match values.len() {
+        0 => f64::NAN,
+        n if n % 2 == 1 => values[middle],
+        _ => 0.5 * (values[middle - 1] + values[middle]),
+    }
 }
 
 /// Empirical quantile, on the safe side (the next larger value); infinite without values.

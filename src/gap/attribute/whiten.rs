@@ -11,6 +11,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::linear::{matrix, shrunk_covariance, whitener};
+use crate::normal::median;
 
 /// Sigma at which compression sets in.
 const KNEE: f64 = 8.0;
@@ -64,13 +65,12 @@ impl Standard {
         let width = nulls.first().map_or(0, |r| r.len());
         let mut standard = Self::default();
         for j in (0..width).filter(|j| allowed(*j)) {
-            let mut known: Vec<f64> =
-                nulls.iter().map(|r| r[j]).filter(|v| v.is_finite()).collect();
+            let known: Vec<f64> = nulls.iter().map(|r| r[j]).filter(|v| v.is_finite()).collect();
             let unknown = nulls.len() - known.len();
             if known.is_empty() || unknown as f64 > MOST_UNKNOWN * nulls.len() as f64 {
                 continue;
             }
-            let centre = median(&mut known);
+            let centre = median(known.iter().copied());
             let mut scale = spread(&known, centre);
             if scale <= f64::EPSILON * centre.abs() {
                 let away: Vec<f64> =
@@ -80,11 +80,11 @@ impl Standard {
             }
             let resolution = resolution.get(j).copied().unwrap_or(0.0);
             scale = scale.hypot(resolution);
-            let mut accepted: Vec<f64> =
+            let accepted: Vec<f64> =
                 references.iter().map(|r| r[j]).filter(|v| v.is_finite()).collect();
             let mut shift = 0.0;
             if accepted.len() >= LEAST_REFERENCES {
-                let middle = median(&mut accepted);
+                let middle = median(accepted.iter().copied());
                 let n = accepted.len() as f64;
                 // Plain and not robust: what an accepted flight does now and then is no gap.
                 let variance =
@@ -131,24 +131,14 @@ impl Standard {
     }
 }
 
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    match n {
-        0 => f64::NAN,
-        _ if n % 2 == 1 => values[n / 2],
-        _ => 0.5 * (values[n / 2 - 1] + values[n / 2]),
-    }
-}
-
 /// Robust sigma about `centre`; the plain one for variables that are mostly constant.
 fn spread(values: &[f64], centre: f64) -> f64 {
     if values.is_empty() {
         return 0.0;
     }
-    let mut off: Vec<f64> = values.iter().map(|v| (v - centre).abs()).collect();
+    let off: Vec<f64> = values.iter().map(|v| (v - centre).abs()).collect();
     let plain = (off.iter().map(|v| v * v).sum::<f64>() / off.len() as f64).sqrt();
-    let robust = SIGMA_PER_MAD * median(&mut off);
+    let robust = SIGMA_PER_MAD * median(off);
     if robust >= LEAST_ROBUST_SHARE * plain { robust } else { plain }
 }
 

@@ -5,6 +5,8 @@ use haltere_model::rotorcraft::{MOTORS, Rotorcraft};
 use nalgebra::{Matrix4, Vector4};
 use serde::Serialize;
 
+use crate::normal::median;
+
 /// Length of a piece of the flight, s: long against the motors' lag, short against a climb.
 const PIECE_S: f64 = 0.5;
 /// Share of a piece's rows that must be there.
@@ -146,15 +148,4 @@ fn usual_pieces(pieces: &[Piece], by_height: bool) -> Vec<&Piece> {
 fn usual_step_s(rows: &[MotorRow]) -> Option<f64> {
     let step_s = median(rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s));
     step_s.is_finite().then_some(step_s)
-}
-
-/// The middle value; not a number where there is none.
-pub fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut values: Vec<f64> = values.collect();
-    if values.is_empty() {
-        return f64::NAN;
-    }
-    values.sort_by(f64::total_cmp);
-    let middle = values.len() / 2;
-    if values.len() % 2 == 1 { values[middle] } else { 0.5 * (values[middle - 1] + values[middle]) }
 }
