@@ -192,7 +192,10 @@ impl Attributor {
             adequacy.explained >= 1.0 && adequacy.foretold >= adequacy.foretold_limit;
         let adequate = adequacy.score <= adequacy.limit || (leaves_nothing && pair.is_none());
         let own = self.named(library, first, posterior(first));
-        let sure = own.probability >= self.settings.sure && merged.is_empty();
+        // What may have no size is no name, however improbable all others are.
+        let space = library.effects.get(first.effect).map(|s| &s.space);
+        let sized = !space.is_some_and(|space| space.holds_off(&own.theta_90));
+        let sure = own.probability >= self.settings.sure && merged.is_empty() && sized;
         // What an effect foretells overrules what our own world says of it, either way; against a limit its name must be surer.
         let overrules = own.probability >= self.settings.coverage
             && adequacy.foretold >= adequacy.foretold_limit;

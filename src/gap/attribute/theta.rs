@@ -80,6 +80,12 @@ impl Space {
         if count > 0.0 { f64::sqrt(sum / count) } else { 1.0 }
     }
 
+    /// Whether "no effect" lies within these intervals, in all that says how much.
+    pub fn holds_off(&self, ends: &[[f64; 2]]) -> bool {
+        let mut holds = self.axes.iter().zip(ends).filter_map(|(axis, ends)| axis.holds_off(*ends));
+        holds.next().is_some_and(|first| first && holds.all(|next| next))
+    }
+
     /// Number of parameters.
     pub fn len(&self) -> usize {
         self.ranges.len()

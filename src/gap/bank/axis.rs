@@ -49,6 +49,14 @@ impl Axis {
         Self { low: self.low.min(value), high: self.high.max(value), ..self }
     }
 
+    /// Whether "no effect" lies between these values; `None`: not a size, or none that ends.
+    pub fn holds_off(&self, [low, high]: [f64; 2]) -> Option<bool> {
+        match self.size? {
+            Size::From(off) => Some(low <= off && off <= high),
+            Size::Inverse => None,
+        }
+    }
+
     /// Size at a value as a share of the largest one on the axis; `None`: not a size, or the same everywhere.
     pub fn share(&self, value: f64) -> Option<f64> {
         let size = self.size.filter(|_| self.high > self.low)?;
@@ -71,6 +79,11 @@ mod tests {
         assert_eq!([-0.6, 0.0, 0.3].map(|v| drag.share(v)), [Some(1.0), Some(0.0), Some(0.5)]);
         let scale = Axis { low: 1.5, high: 3.0, choice: false, size: Some(Size::Inverse) };
         assert_eq!([1.5, 3.0, 6.0].map(|v| scale.share(v)), [Some(1.0), Some(0.5), Some(0.25)]);
+        assert_eq!(
+            [[-0.1, 0.1], [0.0, 0.1], [0.1, 0.2]].map(|ends| drag.holds_off(ends)),
+            [Some(true), Some(true), Some(false)]
+        );
+        assert_eq!(scale.holds_off([1.5, 3.0]), None);
         let same = Axis { high: -0.6, ..drag };
         assert_eq!(same.share(-0.6), None);
         assert_eq!(scale.with(6.0).high, 6.0);
