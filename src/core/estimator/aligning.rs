@@ -54,7 +54,7 @@ impl Estimator {
     /// Where the vehicle can be.
     #[inline]
     pub(super) fn volume(&self) -> (Vector3<f64>, Vector3<f64>) {
-        let (low, high) = self.hull;
+        let (low, high) = self.anchors.hull_E_m;
         (low.add_scalar(-OUTSIDE_M), high.add_scalar(OUTSIDE_M))
     }
 
@@ -86,11 +86,11 @@ impl Estimator {
             }
         }
         if self.config.anchor_bias.estimate {
-            self.above_floor_at = self.above_floor_at.max(self.at);
+            self.floor.above_at = self.floor.above_at.max(self.at);
         }
         self.isolation.restart();
         let near_floor = !self.airborne || -x_E.z < self.config.anchor_bias.hidden_below_m;
-        state.biases = Biases::new(&self.config.anchor_bias, &self.anchors_m, near_floor);
+        state.biases = Biases::new(&self.config.anchor_bias, &self.anchors.heights_m, near_floor);
         if self.config.gyro_bias.estimate {
             state.biases.restart_gyro(self.config.gyro_bias.std_radps);
         }
@@ -118,7 +118,12 @@ impl Estimator {
             }
             state.restart_attitude(STD_FIX_ATT_RAD);
             let left_out = self.isolation.left_out();
-            state.biases.restart(&self.config.anchor_bias, &self.anchors_m, false, left_out);
+            state.biases.restart(
+                &self.config.anchor_bias,
+                &self.anchors.heights_m,
+                false,
+                left_out,
+            );
             self.qualities = Qualities::default();
             self.isolation.clear();
             self.doubt.clear();
@@ -132,7 +137,7 @@ impl Estimator {
     /// estimate itself is that. Far above the told one it says that the survey is wrong, or that the vehicle does not
     /// stand where it was told.
     pub fn start_height_by_uwb_m(&self) -> Option<f64> {
-        self.start_height_by_uwb_m
+        self.floor.start_height_by_uwb_m
     }
 
     /// Where the TDOA of the last `window_s` have it at the estimated height, Earth frame, m. A filter that learns range
@@ -151,7 +156,7 @@ impl Estimator {
         guess: Option<Vector3<f64>>,
     ) -> Option<align::Fix> {
         let oldest = self.at.offset_us(-((window_s * 1e6) as i64));
-        let (low, high) = self.hull;
+        let (low, high) = self.anchors.hull_E_m;
         let centre = (low + high) * 0.5;
         let half = (high - low) * 0.25;
         let mut starts = [centre; 10];
@@ -183,14 +188,14 @@ impl Estimator {
         if !self.fix_is_due() {
             return;
         }
-        let stands = self.at.seconds_since(self.rested_at) < STILL_LOW_S;
+        let stands = self.at.seconds_since(self.floor.rested_at) < STILL_LOW_S;
         let height_m = self.config.rest_height_m.filter(|_| stands);
         let fix = self.locate(START_FIX_WINDOW_S, height_m, None);
         if let Some(fix) = fix.filter(|fix| fix.used >= START_LEAST_USED) {
             let by_uwb = height_m.and_then(|_| self.locate(START_FIX_WINDOW_S, None, None));
-            self.start_height_by_uwb_m = by_uwb.map(|fix| -fix.x_E.z);
+            self.floor.start_height_by_uwb_m = by_uwb.map(|fix| -fix.x_E.z);
             self.start(self.at, fix.x_E, level, std_yaw);
-            let heights_m = &self.anchors_m;
+            let heights_m = &self.anchors.heights_m;
             let Some(state) = &mut self.state else { return };
             if !stands {
                 state.restart_velocity(Vector3::zeros(), STD_FIX_VEL_MPS);
@@ -220,7 +225,11 @@ impl Estimator {
             let Some(state) = &mut self.state else { return };
             if height_m.is_some() {
                 state.P[(2, 2)] = STD_START_HEIGHT_M * STD_START_HEIGHT_M;
-                state.biases.set_hidden(&self.config.anchor_bias, &self.anchors_m, fix.hidden_m);
+                state.biases.set_hidden(
+                    &self.config.anchor_bias,
+                    &self.anchors.heights_m,
+                    fix.hidden_m,
+                );
             }
             state.restart_velocity(Vector3::zeros(), STD_FIX_VEL_MPS);
             state.restart_attitude(NO_ATTITUDE_RAD);
@@ -228,9 +237,10 @@ impl Estimator {
     }
 
     pub(super) fn fix_is_due(&mut self) -> bool {
-        let due = self.sought_fix_at.is_none_or(|at| self.at.seconds_since(at) >= FIX_INTERVAL_S);
+        let due =
+            self.aided.sought_fix_at.is_none_or(|at| self.at.seconds_since(at) >= FIX_INTERVAL_S);
         if due {
-            self.sought_fix_at = Some(self.at);
+            self.aided.sought_fix_at = Some(self.at);
         }
         due
     }

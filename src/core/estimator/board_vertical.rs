@@ -53,20 +53,20 @@ impl Estimator {
     pub fn board_vertical(&mut self, board: &BoardAttitude) {
         let c = self.config.board_vertical;
         if !c.fuse || !self.airborne || self.state.is_none() {
-            self.board_vertical_at = None;
+            self.aided.board_vertical_at = None;
             return;
         }
         let down_B = Vector3::from(std::array::from_fn(|i| board.attitude.matrix()[(2, i)]));
         let norm = down_B.norm();
         let late_s = self.at.seconds_since(board.valid_at);
-        let known = self.board_vertical_at.replace(board.valid_at);
+        let known = self.aided.board_vertical_at.replace(board.valid_at);
         let interval_s = known.map_or(LONGEST_INTERVAL_S, |t| board.valid_at.seconds_since(t));
         if !((norm - 1.0).abs() < 0.01 && late_s.abs() < OLDEST_S && interval_s > 0.0) {
             self.drops.add(DropReason::BadValue, 1);
             return;
         }
         let down_B = down_B / norm;
-        let down_B = down_B + down_B.cross(&self.rate_B) * late_s;
+        let down_B = down_B + down_B.cross(&self.imu.rate_B) * late_s;
         let std_rad = c.std_deg.to_radians();
         let worth = noise::correlation_factor(c.correlation_s, interval_s.min(LONGEST_INTERVAL_S));
         for axis in 0..2 {

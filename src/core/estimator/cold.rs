@@ -233,7 +233,7 @@ impl Estimator {
     /// Forgets the state and what belongs to it, keeps bias and settings.
     pub(super) fn reset(&mut self, gyro_bias_B: &Vector3<f64>) {
         self.state = None::<State>;
-        self.imu_seen = false;
+        self.imu.seen = false;
         self.gyro_bias_B = *gyro_bias_B;
         self.doubt.clear();
     }
@@ -251,11 +251,11 @@ impl Estimator {
         self.qualities = rival.qualities.clone();
         self.pending = rival.pending;
         self.intervals = rival.intervals;
-        self.acc_B = rival.acc_B;
-        self.rate_B = rival.rate_B;
-        self.above_floor_at = rival.above_floor_at;
-        self.fused_at = rival.fused_at;
-        self.returned_at = rival.returned_at;
+        self.imu.acc_B = rival.imu.acc_B;
+        self.imu.rate_B = rival.imu.rate_B;
+        self.floor.above_at = rival.floor.above_at;
+        self.aided.fused_at = rival.aided.fused_at;
+        self.aided.returned_at = rival.aided.returned_at;
         self.doubt.clear();
     }
 }

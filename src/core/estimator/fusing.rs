@@ -68,12 +68,13 @@ impl Estimator {
     pub(super) fn standing_aids(&mut self) {
         let Some(state) = &mut self.state else { return };
         let due = self
+            .aided
             .zero_velocity_at
             .is_none_or(|at| self.at.seconds_since(at) >= zero_velocity::INTERVAL_S);
         if !due {
             return;
         }
-        self.zero_velocity_at = Some(self.at);
+        self.aided.zero_velocity_at = Some(self.at);
         for axis in 0..3 {
             update::fuse(state, &zero_velocity::observe(state, axis));
         }
@@ -92,15 +93,17 @@ impl Estimator {
             test_ratio: 0.0,
             fused: false,
         };
-        let anchors =
-            (self.survey.position_E_m(tdoa.anchor_a), self.survey.position_E_m(tdoa.anchor_b));
+        let anchors = (
+            self.anchors.survey.position_E_m(tdoa.anchor_a),
+            self.anchors.survey.position_E_m(tdoa.anchor_b),
+        );
         let (Some(a), Some(b)) = anchors else {
             self.drops.add(DropReason::UwbUnknownAnchor, 1);
             return record;
         };
         let arm_E = self.level_arm_E_m();
         let (a_E, b_E) = (a.raw() - arm_E, b.raw() - arm_E);
-        let known_m = |id: AnchorId| self.range_bias_m[usize::from(id.0)];
+        let known_m = |id: AnchorId| self.anchors.range_bias_m(id);
         let measured = tdoa;
         let tdoa = &Tdoa {
             distance_diff_m: measured.distance_diff_m
@@ -161,7 +164,7 @@ impl Estimator {
     /// Whether it is low enough for the floor to spoil measurements.
     #[inline]
     pub(super) fn is_near_floor(&self, below_m: f64) -> bool {
-        let low_s = self.at.seconds_since(self.above_floor_at.max(self.rested_at));
+        let low_s = self.at.seconds_since(self.floor.above_at.max(self.floor.rested_at));
         // Without IMU nobody knows whether it stands: no limit of time then.
         let lasts = low_s < NEAR_FLOOR_S || self.config.motion == Motion::Unaided;
         !self.airborne || (self.height_m() < below_m && lasts)
@@ -173,7 +176,7 @@ impl Estimator {
     pub(super) fn hidden_std_m(&self) -> Option<f64> {
         let config = &self.config.anchor_bias;
         let comes_down = self.airborne
-            && self.above_floor_at > self.rested_at
+            && self.floor.above_at > self.floor.rested_at
             && self.config.motion == Motion::Inertial;
         let (below_m, frac) = if comes_down {
             (config.hidden_below_m.min(COMING_DOWN_BELOW_M), COMING_DOWN_FRAC)
@@ -188,7 +191,7 @@ impl Estimator {
     pub(super) fn note_hidden(&mut self) -> Option<f64> {
         let hidden_std_m = self.hidden_std_m();
         if hidden_std_m.is_some() {
-            self.hidden_at = self.at;
+            self.floor.hidden_at = self.at;
         }
         hidden_std_m
     }
@@ -197,8 +200,10 @@ impl Estimator {
     pub(super) fn floor_hides(&self) -> bool {
         let config = &self.config.anchor_bias;
         let low = |height_m: &f64| *height_m < config.low_anchor_m;
-        let since_s = self.at.seconds_since(self.hidden_at);
-        config.estimate && self.anchors_m.iter().any(low) && since_s < SHOWN_AFTER * config.hidden_s
+        let since_s = self.at.seconds_since(self.floor.hidden_at);
+        config.estimate
+            && self.anchors.heights_m.iter().any(low)
+            && since_s < SHOWN_AFTER * config.hidden_s
     }
 
     pub(super) fn fuse_tdoa(
@@ -212,11 +217,11 @@ impl Estimator {
         let bias = &self.config.anchor_bias;
         let floor_m = if bias.estimate { bias.hidden_below_m.max(FLOOR_M) } else { FLOOR_M };
         if self.height_m() > floor_m {
-            self.above_floor_at = self.at;
+            self.floor.above_at = self.at;
         }
         let near_floor = self.is_near_floor(FLOOR_M);
-        let rank_a = usize::from(self.ranks[usize::from(tdoa.anchor_a.0)]);
-        let rank_b = usize::from(self.ranks[usize::from(tdoa.anchor_b.0)]);
+        let rank_a = self.anchors.rank(tdoa.anchor_a);
+        let rank_b = self.anchors.rank(tdoa.anchor_b);
         let biased = self.state.as_ref().is_some_and(|state| state.biases.of_anchors());
         let least_s = match biased {
             false if near_floor => REST_CORRELATION_S,
@@ -325,7 +330,7 @@ impl Estimator {
         // What led the position astray led the velocity astray with it.
         state.restart_velocity(state.v_B, STD_WIDEN);
         let left_out = self.isolation.left_out();
-        state.biases.restart(&self.config.anchor_bias, &self.anchors_m, false, left_out);
+        state.biases.restart(&self.config.anchor_bias, &self.anchors.heights_m, false, left_out);
         state.biases.set_wandering(out.rank, out.bias_m);
         self.qualities = Qualities::default();
         self.doubt.clear();
@@ -335,7 +340,7 @@ impl Estimator {
     /// Whether most anchors have been much worse than usual.
     pub(super) fn most_are_suspect(&self) -> bool {
         let factor = (SUSPECT_STD_M / self.config.std_uwb_m).powi(2);
-        self.qualities.share_beyond(factor, self.anchors_m.len()) > SUSPECT_SHARE
+        self.qualities.share_beyond(factor, self.anchors.heights_m.len()) > SUSPECT_SHARE
     }
 
     /// Whether it may have left the floor without noticing. Without IMU only the estimated height says that the floor
@@ -397,8 +402,9 @@ impl Estimator {
         }
         let BaroConfig { std_m, correlation_s, .. } = self.config.baro;
         // Without a sample before, it speaks for the whole correlation time.
-        let interval_s = self.baro_at.map_or(correlation_s, |at| sample.valid_at.seconds_since(at));
-        self.baro_at = Some(sample.valid_at);
+        let interval_s =
+            self.aided.baro_at.map_or(correlation_s, |at| sample.valid_at.seconds_since(at));
+        self.aided.baro_at = Some(sample.valid_at);
         let worth = noise::correlation_factor(correlation_s, interval_s);
         let o = self.baro_zero.observe(state, baro_m, std_m * std_m);
         self.fuse_soft(o, worth);

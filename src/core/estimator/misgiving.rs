@@ -132,14 +132,14 @@ impl Estimator {
     }
 
     fn speaks_against(&self, state: &State, now: HostTime) -> Option<(Health, Misgiving)> {
-        let age_s = self.fused_at.map_or(f64::INFINITY, |at| now.seconds_since(at));
+        let age_s = self.aided.fused_at.map_or(f64::INFINITY, |at| now.seconds_since(at));
         let std_m = state.std3(POS).into_iter().fold(0.0, f64::max);
         let (old, uncertain) = (Misgiving::NothingFused { age_s }, Misgiving::Uncertain { std_m });
         let lost = [(age_s > LOST_AGE_S, old), (std_m > LOST_STD_POS_M, uncertain)];
         let floor_hides = self.floor_hides().then_some(Misgiving::FloorHides { std_m });
         let degraded = (age_s > DEGRADED_AGE_S).then_some(old);
         let is_uncertain = std_m > DEGRADED_STD_POS_M;
-        let since_s = self.returned_at.map_or(f64::INFINITY, |at| now.seconds_since(at));
+        let since_s = self.aided.returned_at.map_or(f64::INFINITY, |at| now.seconds_since(at));
         let returns = self.airborne && since_s < RETURNS_S;
         let lost = lost.into_iter().find(|(holds, _)| *holds).map(|(_, why)| (Health::Lost, why));
         // What is at fault says more than how uncertain the position is for it.
@@ -153,18 +153,18 @@ impl Estimator {
 
     /// Something has been fused.
     pub(super) fn note_fused(&mut self, at: HostTime) {
-        let lost = self.fused_at.is_some_and(|before| at.seconds_since(before) > LOST_AGE_S);
+        let lost = self.aided.fused_at.is_some_and(|before| at.seconds_since(before) > LOST_AGE_S);
         if lost && self.airborne {
-            self.returned_at = Some(at);
+            self.aided.returned_at = Some(at);
         }
-        self.fused_at = Some(at);
+        self.aided.fused_at = Some(at);
     }
 
     fn does_not_fit(&self, now: HostTime) -> Option<Misgiving> {
         if let Some(id) = self.left_out().next() {
             return Some(Misgiving::LeftOut(id));
         }
-        let ids = self.survey.ids();
+        let ids = self.anchors.survey.ids();
         let heard_at = |id: &AnchorId| self.intervals[usize::from(id.0)].0;
         let heard = ids.iter().filter(|id| now.seconds_since(heard_at(id)) < HEARD_S).count();
         let least = ids.len().min(LEAST_ANCHORS);

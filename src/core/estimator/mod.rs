@@ -8,6 +8,7 @@
 mod align;
 mod aligning;
 mod anchor_check;
+mod anchors;
 mod bias;
 mod bias_level;
 mod board_vertical;
@@ -60,6 +61,7 @@ use crate::time::HostTime;
 pub use align::{FORCE_MOST_SHARE, FORCE_TOLD_SHARE, LARGEST_BIAS_RADPS, STANDING_S, Standing};
 use align::{Recent, RestAverage};
 pub use anchor_check::{AnchorCheck, AnchorFit, MOST_HIDDEN_M};
+use anchors::Anchors;
 pub use bias::MOST_ANCHORS;
 use bias::Wander;
 use bias_level::BiasLevel;
@@ -142,13 +144,44 @@ struct Pending {
     rate_B: Vector3<f64>,
 }
 
+/// When the vehicle was on the floor, or near it.
+#[derive(Debug, Clone, Copy, Default)]
+struct Floor {
+    rested_at: HostTime,
+    /// When it last had rested long enough to be sure of it.
+    stood_at: Option<HostTime>,
+    /// When the floor last was taken to hide anchors.
+    hidden_at: HostTime,
+    above_at: HostTime,
+    /// Height at the start as TDOA alone had it, where a known height was taken, m.
+    start_height_by_uwb_m: Option<f64>,
+}
+
+/// The last sample of the IMU, as it was used.
+#[derive(Debug, Clone, Copy, Default)]
+struct Imu {
+    seen: bool,
+    acc_B: Vector3<f64>,
+    rate_B: Vector3<f64>,
+}
+
+/// When each aid of the prediction was last taken.
+#[derive(Debug, Clone, Copy, Default)]
+struct Aided {
+    fused_at: Option<HostTime>,
+    /// When something was fused again in the air after a loss.
+    returned_at: Option<HostTime>,
+    sought_fix_at: Option<HostTime>,
+    zero_velocity_at: Option<HostTime>,
+    baro_at: Option<HostTime>,
+    board_vertical_at: Option<HostTime>,
+}
+
 /// The estimator.
 #[derive(Debug, Clone)]
 pub struct Estimator {
     config: EstimatorConfig,
-    survey: Survey,
-    /// Place of each anchor in the survey.
-    ranks: [u8; 256],
+    anchors: Anchors,
     state: Option<State>,
     at: HostTime,
     airborne: bool,
@@ -159,21 +192,9 @@ pub struct Estimator {
     force_gain: f64,
     /// Attitude from rest, carried on by the gyroscope until there is a position to start with.
     level: Option<UnitQuaternion<f64>>,
-    rested_at: HostTime,
-    /// When the floor last was taken to hide anchors.
-    hidden_at: HostTime,
-    /// When it last had rested long enough to be sure of it.
-    stood_at: Option<HostTime>,
-    above_floor_at: HostTime,
+    floor: Floor,
     gyro_bias_B: Vector3<f64>,
-    /// Corners of the box that holds the anchors, Earth frame, m.
-    hull: (Vector3<f64>, Vector3<f64>),
-    /// Heights of the anchors in the order of the survey, m.
-    anchors_m: Vec<f64>,
-    /// Known range bias of each anchor number, m.
-    range_bias_m: Box<[f64; 256]>,
     slow_force: SlowForce,
-    board_vertical_at: Option<HostTime>,
     qualities: Qualities,
     bias_level: BiasLevel,
     isolation: Isolation,
@@ -181,22 +202,13 @@ pub struct Estimator {
     pending: Pending,
     /// Until position and heading are known, if they are not told.
     cold: Option<Box<Cold>>,
-    acc_B: Vector3<f64>,
-    rate_B: Vector3<f64>,
-    imu_seen: bool,
+    imu: Imu,
     recent: Recent,
     doubt: Doubt,
     intervals: [(HostTime, f64); 256],
     baro_zero: BaroZero,
-    baro_at: Option<HostTime>,
     compass: Compass,
-    zero_velocity_at: Option<HostTime>,
-    fused_at: Option<HostTime>,
-    /// When something was fused again in the air after a loss.
-    returned_at: Option<HostTime>,
-    sought_fix_at: Option<HostTime>,
-    /// Height at the start as TDOA alone had it, where a known height was taken, m.
-    start_height_by_uwb_m: Option<f64>,
+    aided: Aided,
     counts: Counts,
     drops: Drops,
 }
@@ -204,34 +216,18 @@ pub struct Estimator {
 impl Estimator {
     /// Not aligned, standing.
     pub fn new(config: EstimatorConfig, survey: Survey) -> Self {
-        let mut ranks = [0; 256];
-        for (rank, id) in survey.ids().iter().enumerate() {
-            ranks[usize::from(id.0)] = rank as u8;
-        }
-        let anchors_m =
-            survey.ids().iter().filter_map(|id| survey.position_E_m(*id)).map(|p| -p.z()).collect();
         // Without IMU nothing tells whether it stands.
         let airborne = config.motion == Motion::Unaided;
-        let mut range_bias_m = Box::new([0.0; 256]);
-        for [anchor, bias_m] in &config.range_bias_m {
-            // The check of the configuration keeps it within 0 to 255; a cast saturates besides.
-            range_bias_m[usize::from(*anchor as u8)] = *bias_m;
-        }
         let cold = config.cold_start.then(|| Box::new(Cold::new(&config, &survey)));
         Self {
             cold,
-            hull: aligning::hull_E_m(&survey),
-            anchors_m,
-            range_bias_m,
             slow_force: SlowForce::default(),
-            board_vertical_at: None,
             qualities: Qualities::default(),
             bias_level: BiasLevel::default(),
             isolation: Isolation::default(),
             pending: Pending::default(),
+            anchors: Anchors::new(&config, survey),
             config,
-            survey,
-            ranks,
             state: None,
             at: HostTime::default(),
             airborne,
@@ -240,25 +236,15 @@ impl Estimator {
             standing: Standing::default(),
             force_gain: 1.0,
             level: None,
-            rested_at: HostTime::default(),
-            hidden_at: HostTime::default(),
-            stood_at: None,
-            above_floor_at: HostTime::default(),
+            floor: Floor::default(),
             gyro_bias_B: Vector3::zeros(),
-            acc_B: Vector3::zeros(),
-            rate_B: Vector3::zeros(),
-            imu_seen: false,
+            imu: Imu::default(),
             recent: Recent::default(),
             doubt: Doubt::default(),
             intervals: [(HostTime::default(), FIRST_INTERVAL_S); 256],
             baro_zero: BaroZero::default(),
-            baro_at: None,
             compass: Compass::default(),
-            zero_velocity_at: None,
-            fused_at: None,
-            returned_at: None,
-            sought_fix_at: None,
-            start_height_by_uwb_m: None,
+            aided: Aided::default(),
             counts: Counts::default(),
             drops: Drops::default(),
         }
@@ -322,21 +308,21 @@ impl Estimator {
             return;
         }
         let dt_s = sample.valid_at.seconds_since(self.at);
-        if self.imu_seen && dt_s <= 0.0 {
+        if self.imu.seen && dt_s <= 0.0 {
             self.drops.add(DropReason::ImuOutOfOrder, 1);
             return;
         }
-        let first = !self.imu_seen;
-        self.imu_seen = true;
+        let first = !self.imu.seen;
+        self.imu.seen = true;
         self.at = sample.valid_at.max(self.at);
         if !self.airborne {
             self.rest.add(sample.valid_at, &read_acc_B, &rate_B);
             // The first sample, and one after a gap, stand for no time.
             let dt_s = if (0.0..GAP_S).contains(&dt_s) { dt_s } else { 0.0 };
             self.standing.add(dt_s, sample.acc_B_mps2, sample.rate_B_radps);
-            self.rested_at = self.at;
+            self.floor.rested_at = self.at;
             if self.rest.duration_s() >= self.config.align_s {
-                self.stood_at = Some(self.at);
+                self.floor.stood_at = Some(self.at);
                 self.force_gain = self.rest.force_gain();
                 self.gyro_bias_B = self.rest.rate_B();
                 let gyro = self.config.gyro_bias;
@@ -350,14 +336,14 @@ impl Estimator {
         let learned_B = self.state.as_ref().map(|s| s.biases.gyro_B_radps()).unwrap_or_default();
         let unbiased_B = rate_B - self.gyro_bias_B - learned_B;
         if first {
-            self.acc_B = acc_B;
-            self.rate_B = unbiased_B;
+            self.imu.acc_B = acc_B;
+            self.imu.rate_B = unbiased_B;
             return;
         }
-        let mean_rate_B = (self.rate_B + unbiased_B) * 0.5;
+        let mean_rate_B = (self.imu.rate_B + unbiased_B) * 0.5;
         let weight = dt_s / (self.config.acc_average_s + dt_s);
-        self.acc_B += (acc_B - self.acc_B) * weight;
-        self.rate_B = unbiased_B;
+        self.imu.acc_B += (acc_B - self.imu.acc_B) * weight;
+        self.imu.rate_B = unbiased_B;
         match self.state {
             Some(_) => self.predict(dt_s, mean_rate_B),
             None => self.try_align(dt_s, &mean_rate_B),
@@ -373,7 +359,7 @@ impl Estimator {
     fn start_cold(&mut self, sample: &ImuSample) {
         let Some(mut cold) = self.cold.take() else { return };
         let stands =
-            self.stood_at.is_some_and(|at| self.at.seconds_since(at) < aligning::STILL_LOW_S);
+            self.floor.stood_at.is_some_and(|at| self.at.seconds_since(at) < aligning::STILL_LOW_S);
         let heading = self.heading_to_start();
         let winner = cold.imu(sample, self.airborne, stands, &self.gyro_bias_B, heading);
         match winner {
@@ -389,7 +375,7 @@ impl Estimator {
         let (acc_B, rate_B) = if forgets {
             (Vector3::new(0.0, 0.0, -G_MPS2), Vector3::zeros())
         } else {
-            (self.acc_B, rate_B)
+            (self.imu.acc_B, rate_B)
         };
         let hidden_std_m = self.note_hidden();
         let Some(state) = &mut self.state else { return };
@@ -449,7 +435,7 @@ impl Estimator {
                         dt_s: p.dt_s,
                         speed_mps: state.v_B.norm(),
                         hidden_std_m,
-                        anchors_m: &self.anchors_m,
+                        anchors_m: &self.anchors.heights_m,
                         factors: self.qualities.factors(),
                         levels: &levels,
                         left_out: self.isolation.left_out(),
@@ -496,7 +482,7 @@ impl Estimator {
             dt_s,
             speed_mps: state.v_B.norm(),
             hidden_std_m,
-            anchors_m: &self.anchors_m,
+            anchors_m: &self.anchors.heights_m,
             factors: self.qualities.factors(),
             levels: &levels,
             left_out: self.isolation.left_out(),
@@ -520,7 +506,7 @@ impl Estimator {
     pub fn estimate_at(&self, now: HostTime) -> Estimate {
         let Some(state) = &self.state else {
             let cold = self.cold.as_ref();
-            if let Some(estimate) = cold.and_then(|cold| cold.estimate(self.at, self.rate_B)) {
+            if let Some(estimate) = cold.and_then(|cold| cold.estimate(self.at, self.imu.rate_B)) {
                 return estimate;
             }
             return Estimate {
@@ -528,7 +514,7 @@ impl Estimator {
                 pos_E_m: Vec3::zero(),
                 vel_B_mps: Vec3::zero(),
                 R_EB: Rot::identity(),
-                rate_B_radps: Vec3::from_raw(self.rate_B),
+                rate_B_radps: Vec3::from_raw(self.imu.rate_B),
                 std_pos_E_m: Vec3::zero(),
                 std_vel_B_mps: Vec3::zero(),
                 std_att_B_rad: Vec3::zero(),
@@ -541,7 +527,7 @@ impl Estimator {
             pos_E_m: Vec3::from_raw(state.x_E),
             vel_B_mps: Vec3::from_raw(state.v_B),
             R_EB: Rot::from_raw(state.q_EB),
-            rate_B_radps: Vec3::from_raw(self.rate_B),
+            rate_B_radps: Vec3::from_raw(self.imu.rate_B),
             std_pos_E_m: Vec3::from_array(state.std3(POS)),
             std_vel_B_mps: Vec3::from_array(state.std3(VEL)),
             std_att_B_rad: Vec3::from_array(state.std3(ATT)),
@@ -563,7 +549,7 @@ impl Estimator {
 
     /// Anchors that are left out because they do not fit (`isolation.rs`).
     pub fn left_out(&self) -> impl Iterator<Item = AnchorId> {
-        let ids = self.survey.ids().iter().enumerate();
+        let ids = self.anchors.survey.ids().iter().enumerate();
         ids.filter(|(rank, _)| self.isolation.is_out(*rank)).map(|(_, id)| *id)
     }
 
@@ -589,7 +575,7 @@ impl Estimator {
 
     /// Age of the newest fused TDOA at the time of the state, s.
     pub fn uwb_age_s(&self) -> Option<f64> {
-        self.fused_at.map(|at| self.at.seconds_since(at))
+        self.aided.fused_at.map(|at| self.at.seconds_since(at))
     }
 
     /// Bias of the gyroscope, rad/s.
@@ -599,13 +585,13 @@ impl Estimator {
 
     /// Range bias of an anchor and its sigma, m, while it is estimated.
     pub fn anchor_bias_m(&self, id: AnchorId) -> Option<(f64, f64)> {
-        self.survey.position_E_m(id)?;
-        self.state.as_ref()?.biases.of(usize::from(self.ranks[usize::from(id.0)]))
+        self.anchors.survey.position_E_m(id)?;
+        self.state.as_ref()?.biases.of(self.anchors.rank(id))
     }
 
     /// Factor on the variance of an anchor, as learned; 1 if none is.
     pub fn anchor_factor(&self, id: AnchorId) -> f64 {
-        self.qualities.of(usize::from(self.ranks[usize::from(id.0)]))
+        self.qualities.of(self.anchors.rank(id))
     }
 
     /// What was counted.
