@@ -222,7 +222,12 @@ impl Session {
     /// first.
     pub fn resize(&self, explanations: &mut [&mut Explanation], audience: &dyn Audience) {
         let Ok(observation) = &self.seen.observation else { return };
-        let model = HeldOut::new(&self.scene, &self.workshop.items, &self.references);
+        let model = HeldOut::new(
+            &self.scene,
+            &self.workshop.items,
+            &self.references,
+            &self.workshop.shelf(),
+        );
         let name = explanations.first().map(|e| e.name.clone()).unwrap_or_default();
         let shares = resize_all(&model, &observation.statistics, explanations, |done, of| {
             audience.at("sizes", done, of);
