@@ -186,6 +186,7 @@ fn draw(session: &Session, diagnosis: &mut Diagnosis, audience: &dyn Audience) {
         &own,
         &session.reference_details,
         &effects.collect::<Vec<_>>(),
+        &session.workshop.shelf(),
         |done, of| audience.at("cells", done, of),
     ));
 }
