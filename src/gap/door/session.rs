@@ -98,8 +98,8 @@ pub fn open(
         ));
     }
     // Before anything long: flights that cannot stand beside this one.
-    let others =
-        flights.held_out.iter().map(|path| logs::read(path)).collect::<Result<Vec<_>, _>>()?;
+    let others: Vec<_> = flights.held_out.par_iter().map(|path| logs::read(path)).collect();
+    let others = others.into_iter().collect::<Result<Vec<_>, _>>()?;
     for other in &others {
         say_which(audience, &other.path, other.flight);
         same_survey(other, &flown)?;
