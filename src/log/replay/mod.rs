@@ -137,7 +137,8 @@ fn replay_with(
     let report = Report::new(log.path().to_owned(), demand, build_differences, same_source);
     let airborne = if same_source { Airborne::default() } else { Airborne::flown(log) };
     let mut run = Run::new(pilot, start, report, airborne);
-    let mut entries = log.entries();
+    // What the core told is told by the replay; of what the log says of it, changes of mode bound a flight and counts of steps must fit.
+    let mut entries = log.entries_with(|channel| matches!(channel, "/mode" | "/health"));
     let mut mission = None;
     for entry in entries.by_ref() {
         let Some((part, watch)) = &mut watch else {
