@@ -10,6 +10,7 @@ use super::options::{BankOptions, ReferenceOptions, SceneOptions, simulator};
 use super::terminal::Terminal;
 use crate::cli::output::{print, print_json};
 use crate::cli::which_flight::{WhichFlight, tell};
+use haltere_gap::bank::archive::Shelf;
 use haltere_gap::bank::library::{self, whole};
 use haltere_gap::diagnosis::observed;
 use haltere_gap::door::{self, Audience as _, Flights, Opened, Session, each_once, open};
@@ -98,7 +99,8 @@ impl Shrink {
         };
         // No parameters: the effect helps at no size.
         let theta = asked.effects.first().map_or(&[][..], |(_, theta)| theta);
-        let result = measure(&judged_on, &accepted, &told, &asked, &others, |done, of| {
+        let shelf = Shelf::in_folder(&self.options.folder());
+        let result = measure(&judged_on, &accepted, &told, &asked, &others, &shelf, |done, of| {
             audience.at("shrink", done, of);
         })?;
         if self.json {

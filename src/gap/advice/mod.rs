@@ -276,7 +276,7 @@ fn flown(
     advice: &mut Advice,
     tick: &(impl Fn() + Sync),
 ) -> Option<DMatrix<f64>> {
-    let nulls = archive.fly(&healthy(SEED), tick);
+    let nulls: Vec<_> = archive.fly(&healthy(SEED), tick).into_iter().flatten().collect();
     let classes: Vec<Vec<Vec<f64>>> = remaining
         .candidates
         .iter()
@@ -290,7 +290,8 @@ fn flown(
             // Of the effect alone, so that its flights are the same whatever else is open.
             let place = library::whole().iter().position(|s| s.id == spec.id).unwrap_or(0);
             let seed = SEED + 100_000 + 1000 * place as u64;
-            archive.fly(&middle(spec, scene).flights(UNTESTED_FLIGHTS, seed), tick)
+            let flown = archive.fly(&middle(spec, scene).flights(UNTESTED_FLIGHTS, seed), tick);
+            flown.into_iter().flatten().collect()
         })
         .collect();
     if !untested.is_empty() {
@@ -309,7 +310,7 @@ fn flown(
 
 /// Flights of the healthy vehicle.
 fn healthy(seed: u64) -> Vec<Job> {
-    (0..NULLS as u64).map(|k| Job { seed: seed + k, effect: None }).collect()
+    (0..NULLS as u64).map(|k| Job { seed: seed + k, jitter: true, effect: None }).collect()
 }
 
 /// Statistics of flights that hang on what is open: nobody will ask for them again.
@@ -327,7 +328,7 @@ impl Hypothesis {
     fn flights(&self, count: usize, seed: u64) -> Vec<Job> {
         let one = |k: usize| {
             let seed = seed + k as u64;
-            Job { seed, effect: Some((self.spec, self.draw(seed, k))) }
+            Job { seed, jitter: true, effect: Some((self.spec, self.draw(seed, k))) }
         };
         (0..count).map(one).collect()
     }

@@ -5,6 +5,8 @@
 //! log-uniform over wide positive ranges. The evidence is a mixture importance sample: half from
 //! the prior, half from the Laplace approximation at the best θ.
 
+use std::cell::OnceCell;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::surrogate::{LEVELS, Surrogate};
@@ -30,8 +32,9 @@ const PRIOR_CURVATURE: f64 = 12.0;
 /// What the likelihood of one effect needs of a flight.
 pub(super) struct Sufficient<'a> {
     surrogate: &'a Surrogate,
-    /// `(Qᵀ N⁻¹ z, zᵀ N⁻¹ z)` per level.
-    parts: Vec<(DVector<f64>, f64)>,
+    z: &'a DVector<f64>,
+    /// `(Qᵀ N⁻¹ z, zᵀ N⁻¹ z)` per level, as far as it was asked for.
+    parts: [OnceCell<(DVector<f64>, f64)>; LEVELS.len()],
 }
 
 /// What a flight says about one effect.
@@ -52,15 +55,15 @@ pub(super) struct Fit {
 }
 
 impl<'a> Sufficient<'a> {
-    /// Projects a whitened flight.
-    pub fn new(surrogate: &'a Surrogate, z: &DVector<f64>) -> Self {
-        let parts = surrogate
-            .noise
-            .iter()
-            .zip(&surrogate.solved)
-            .map(|(noise, (_, solved))| (solved.tr_mul(z), noise.squared(z)))
-            .collect();
-        Self { surrogate, parts }
+    /// Of a whitened flight.
+    pub fn new(surrogate: &'a Surrogate, z: &'a DVector<f64>) -> Self {
+        Self { surrogate, z, parts: Default::default() }
+    }
+
+    fn part(&self, level: usize) -> &(DVector<f64>, f64) {
+        let Surrogate { solved, noise, .. } = self.surrogate;
+        self.parts[level]
+            .get_or_init(|| (solved[level].1.tr_mul(self.z), noise[level].squared(self.z)))
     }
 
     /// Log likelihood of a signature.
@@ -70,7 +73,7 @@ impl<'a> Sufficient<'a> {
         let below = (place.floor() as usize).min(LEVELS.len() - 2);
         let share = place - below as f64;
         let at = |l: usize| {
-            let (b, c) = &self.parts[l];
+            let (b, c) = self.part(l);
             let a = &self.surrogate.solved[l].0;
             let mut quadratic = 0.0;
             for j in 0..h.len() {

@@ -104,13 +104,18 @@ fn joint(library: &Library, z: &DVector<f64>, first: &Fit, second: &Fit) -> Pair
         Noise::new(&d, &u)
     };
     let mut unit: Vec<f64> = first.unit.iter().chain(&second.unit).copied().collect();
+    let mut last = noise(&unit);
     for _ in 0..2 {
-        let fixed = noise(&unit);
-        let objective = |u: &[f64]| -0.5 * fixed.squared(&residual(u));
+        let objective = |u: &[f64]| -0.5 * last.squared(&residual(u));
         let start = objective(&unit);
-        unit = climb(start, unit, objective).1;
+        let found = climb(start, unit.clone(), objective).1;
+        // Nothing else would come of another round.
+        if found == unit {
+            break;
+        }
+        unit = found;
+        last = noise(&unit);
     }
-    let last = noise(&unit);
     let rest = residual(&unit);
     let left = Left { squared: last.squared(&rest), peak: last.peak(&rest) };
     let peak = -0.5 * left.squared - 0.5 * last.log_det;

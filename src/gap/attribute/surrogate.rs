@@ -232,10 +232,14 @@ fn smoother(
     x: &[Vec<f64>],
     sizes: &[f64],
 ) -> (DMatrix<f64>, DMatrix<f64>) {
-    let gram = kernel.gram(x, sizes);
-    let n = x.len();
+    smoother_of(&kernel.gram(x, sizes), ridge)
+}
+
+/// The same of a Gram matrix.
+fn smoother_of(gram: &DMatrix<f64>, ridge: f64) -> (DMatrix<f64>, DMatrix<f64>) {
+    let n = gram.nrows();
     let scale = ridge * gram.trace() / n.max(1) as f64;
-    let padded = &gram + DMatrix::identity(n, n) * scale;
+    let padded = gram + DMatrix::identity(n, n) * scale;
     match padded.cholesky() {
         Some(c) => {
             let inverse = c.inverse();
@@ -269,7 +273,8 @@ fn choose(full: &[Vec<f64>], sizes: &[f64], z: &DMatrix<f64>) -> (Kernel, f64, V
             let mut fewer = used.clone();
             fewer.remove(k);
             let kernels = [best.1, Kernel::Smooth(0.7)];
-            (best_of(full, sizes, &y, &fewer, &kernels, &[best.2]), fewer)
+            let kernels = if kernels[0] == kernels[1] { &kernels[..1] } else { &kernels[..] };
+            (best_of(full, sizes, &y, &fewer, kernels, &[best.2]), fewer)
         });
         let first = trials.next();
         let Some(better) = trials.fold(first, |a, b| match a {
@@ -283,7 +288,9 @@ fn choose(full: &[Vec<f64>], sizes: &[f64], z: &DMatrix<f64>) -> (Kernel, f64, V
         }
         (best, used) = better;
     }
-    best = best_of(full, sizes, &y, &used, &KERNELS, &RIDGES);
+    if used.len() < width {
+        best = best_of(full, sizes, &y, &used, &KERNELS, &RIDGES);
+    }
     (best.1, best.2, used)
 }
 
@@ -303,8 +310,9 @@ fn best_of(
     let n = x.len() as f64;
     let mut best = (f64::INFINITY, Kernel::Linear, RIDGES[RIDGES.len() - 1]);
     for kernel in kernels {
+        let gram = kernel.gram(&x, sizes);
         for ridge in ridges {
-            let (h, _) = smoother(*kernel, *ridge, &x, sizes);
+            let (h, _) = smoother_of(&gram, *ridge);
             let residual = y - &h * y;
             let mut cost = 0.0;
             for j in 0..y.ncols() {

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use rayon::prelude::*;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::bank::bank_file::{Row, from_disk, to_disk};
@@ -24,11 +25,13 @@ use haltere_model::effects::EffectSpec;
 
 const KIND: Kind = Kind { what: "archive of flights", magic: b"HALTFLYS", version: 1 };
 
-/// A flight with benign jitter.
+/// A flight.
 #[derive(Debug, Clone)]
 pub struct Job {
     /// Seed.
     pub seed: u64,
+    /// Whether it has benign jitter.
+    pub jitter: bool,
     /// Effect with its parameters, in the order of its specification.
     pub effect: Option<(&'static EffectSpec, Vec<f64>)>,
 }
@@ -58,12 +61,33 @@ impl Shelf {
         Self { folder: None }
     }
 
+    fn path(&self, scene: &Scene, items: &[MISSION_ITEM_INT_DATA], what: &str) -> Option<PathBuf> {
+        let folder = self.folder.as_ref()?;
+        Some(folder.join(format!("{}.flights", mission_key(scene, items, what))))
+    }
+
+    /// Of a mission what goes by a name: as it was kept, or made and kept.
+    pub(crate) fn kept<T: Serialize + DeserializeOwned>(
+        &self,
+        kind: Kind,
+        scene: &Scene,
+        items: &[MISSION_ITEM_INT_DATA],
+        make: impl FnOnce() -> T,
+    ) -> T {
+        let path = self.path(scene, items, kind.what);
+        let kept = path.as_deref().and_then(|path| kept_file::recall(kind, path));
+        kept.unwrap_or_else(|| {
+            let made = make();
+            if let Some(path) = path {
+                kept_file::remember(kind, &path, &made);
+            }
+            made
+        })
+    }
+
     /// What was kept of a mission.
     pub fn open<'a>(&self, scene: &'a Scene, items: &'a [MISSION_ITEM_INT_DATA]) -> Archive<'a> {
-        let path = self
-            .folder
-            .as_ref()
-            .map(|folder| folder.join(format!("{}.flights", mission_key(scene, items, "archive"))));
+        let path = self.path(scene, items, "archive");
         let kept = path.as_deref().and_then(|path| kept_file::recall::<OnDisk>(KIND, path));
         let rows: Rows = kept.map_or_else(Rows::new, |disk| {
             disk.flights.into_iter().map(|(key, row)| (key, row.map(from_disk))).collect()
@@ -83,9 +107,9 @@ pub struct Archive<'a> {
 }
 
 impl Archive<'_> {
-    /// Statistics of these flights, in their order, lost ones left out; flies those that were not kept, and
+    /// Statistics of these flights, in their order, `None` for lost ones; flies those that were not kept, and
     /// remembers them. `tick` hears of every flight.
-    pub fn fly(&mut self, jobs: &[Job], tick: &(impl Fn() + Sync)) -> Vec<Vec<f64>> {
+    pub fn fly(&mut self, jobs: &[Job], tick: &(impl Fn() + Sync)) -> Vec<Option<Vec<f64>>> {
         let keys: Vec<String> = jobs.iter().map(key).collect();
         let known = |key: &String| self.rows.contains_key(key);
         let new: Vec<(&String, &Job)> = keys.iter().zip(jobs).filter(|(k, _)| !known(k)).collect();
@@ -95,7 +119,7 @@ impl Archive<'_> {
         let flown: Rows = new.into_iter().map(|(key, _)| key.clone()).zip(flown).collect();
         self.grown |= !flown.is_empty();
         self.rows.extend(flown);
-        keys.iter().filter_map(|key| self.rows.get(key)?.clone()).collect()
+        keys.iter().map(|key| self.rows.get(key)?.clone()).collect()
     }
 
     /// Writes what is new.
@@ -107,7 +131,7 @@ impl Archive<'_> {
     }
 }
 
-/// Statistics of flights with benign jitter, on all cores; `None`: could not be flown or observed.
+/// Statistics of flights, on all cores; `None`: could not be flown or observed.
 pub fn fly(
     scene: &Scene,
     items: &[MISSION_ITEM_INT_DATA],
@@ -120,7 +144,10 @@ pub fn fly(
             || Trace::new(scene.survey.clone()),
             |trace, job| {
                 let row = (|| {
-                    let mut plant = jittered(scene.plant(job.seed)).ok()?;
+                    let mut plant = scene.plant(job.seed);
+                    if job.jitter {
+                        plant = jittered(plant).ok()?;
+                    }
                     if let Some((spec, theta)) = &job.effect {
                         plant.effects = with_effect(plant.effects, spec, theta).ok()?;
                     }
@@ -136,9 +163,10 @@ pub fn fly(
 
 /// Everything that tells flights of one scene and mission apart. Debug output of numbers is exact.
 fn key(job: &Job) -> String {
+    let jitter = if job.jitter { "" } else { " without jitter" };
     match &job.effect {
-        None => format!("{}", job.seed),
-        Some((spec, theta)) => format!("{} {} {theta:?}", job.seed, spec.id),
+        None => format!("{}{jitter}", job.seed),
+        Some((spec, theta)) => format!("{}{jitter} {} {theta:?}", job.seed, spec.id),
     }
 }
 
@@ -157,7 +185,8 @@ mod tests {
         let items = missions::plain(&scene);
         let p1 = library::whole().into_iter().find(|s| s.id == "P1").unwrap();
         let theta = p1.parameters.iter().map(|p| p.default).collect();
-        let jobs = [Job { seed: 7, effect: None }, Job { seed: 8, effect: Some((p1, theta)) }];
+        let job = |seed, jitter, effect| Job { seed, jitter, effect };
+        let jobs = [job(7, true, None), job(7, false, None), job(8, true, Some((p1, theta)))];
         let ticks = AtomicUsize::new(0);
         let tick = || {
             ticks.fetch_add(1, Ordering::Relaxed);
@@ -166,11 +195,12 @@ mod tests {
         let flown = first.fly(&jobs, &tick);
         first.keep();
         let mut second = shelf.open(&scene, &items);
-        assert_eq!(second.rows.len(), 2);
+        assert_eq!(second.rows.len(), 3);
         let kept = second.fly(&jobs, &tick);
         // NaN differs from itself: compare as text.
         assert_eq!(format!("{kept:?}"), format!("{flown:?}"));
-        assert!(!second.grown && ticks.into_inner() == 4, "told of kept flights too");
+        assert_ne!(format!("{:?}", kept[0]), format!("{:?}", kept[1]), "jitter is something");
+        assert!(!second.grown && ticks.into_inner() == 6, "told of kept flights too");
         // Another mission has another archive; a damaged one is as none.
         assert!(shelf.open(&scene, &missions::diagnostic(&scene)).rows.is_empty());
         let path = second.path.clone().unwrap();

@@ -19,6 +19,7 @@
 mod tests;
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 use std::sync::atomic::AtomicUsize;
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
@@ -194,6 +195,7 @@ fn budget_for(
         of: 2 * MEAN_FLIGHTS + 2 * SLOPE_PAIRS * (all.len() + 2 * KEPT) + OTHER_FLIGHTS,
         least: 1,
         pairs: SLOPE_PAIRS,
+        flown: Arc::default(),
         progress,
     };
     let spared = |k: &usize| flights.len() >= HELD_OUT && k % HELD_OUT == HELD_OUT - 1;
@@ -378,7 +380,8 @@ impl<'a> Hand<'a> {
     where
         'a: 'b,
     {
-        Hand { constants, done: AtomicUsize::new(self.done()), ..*self }
+        let flown = self.flown.clone();
+        Hand { constants, done: AtomicUsize::new(self.done()), flown, ..*self }
     }
 }
 

@@ -1,7 +1,9 @@
 //! The vehicle that a diagnosis flies: that of the file where accepted flights are as its flights are, else the one that they were
 //! commissioned to. It is kept as a vehicle file beside the banks, under a hash of file, accepted flights, room, mission and program.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use haltere_log::{intake, written};
@@ -12,9 +14,12 @@ use super::begun::begun;
 use super::constants::{CONSTANTS, Constant};
 use super::crossed::{BENIGN_FLIGHTS, judge_as_is};
 use super::{
-    Hand, LEAST_FLIGHTS, LEAST_FLOWN, MEAN_FLIGHTS, NotCommissioned, commission_traces, moved_far,
+    Hand, LEAST_FLIGHTS, LEAST_FLOWN, MEAN_FLIGHTS, NotCommissioned, commission_by, moved_far,
     observed, seeds, why_not_yet,
 };
+use crate::bank::archive::Shelf;
+use crate::bank::bank_file::{Row, from_disk, to_disk};
+use crate::bank::kept_file::Kind;
 use crate::bank::workshop::mission_key;
 use crate::flight::logs::Flown;
 use crate::flight::trace::Trace;
@@ -23,6 +28,7 @@ use crate::scene::Scene;
 
 /// Flights that show whether the file will do: as many as the means and limits of commissioning are of.
 const FLIGHTS_AS_IS: usize = MEAN_FLIGHTS + BENIGN_FLIGHTS;
+const AS_IS: Kind = Kind { what: "flights of the file", magic: b"HALTASIS", version: 1 };
 /// Constants that are listed in words.
 const SHOWN: usize = 4;
 /// Largest vehicle file that is read, bytes: some hundred times one.
@@ -135,7 +141,7 @@ fn fitted_to(
     let vehicle = match recall(&kept) {
         Some(vehicle) => vehicle,
         None => {
-            let vehicle = found(scene, items, accepted, &seen, progress)?;
+            let vehicle = found(folder, scene, items, accepted, &seen, progress)?;
             remember(&kept, &vehicle);
             vehicle
         }
@@ -146,6 +152,7 @@ fn fitted_to(
 
 /// The vehicle of the file if its simulator keeps the limits, or if commissioning brings it no nearer.
 fn found(
+    folder: &Path,
     scene: &Scene,
     items: &[MISSION_ITEM_INT_DATA],
     accepted: &[&Trace],
@@ -156,14 +163,24 @@ fn found(
     let hand = Hand::of(&CONSTANTS, scene, items, accepted.len(), progress);
     let hand = Hand { of: FLIGHTS_AS_IS + hand.of, ..hand };
     let nominal = hand.nominal(file);
-    let [own, benign] = [(MEAN_FLIGHTS, false), (BENIGN_FLIGHTS, true)]
-        .map(|(flights, jitter)| hand.rows(file, &nominal, &seeds(flights), jitter));
+    let as_is = || {
+        [(MEAN_FLIGHTS, false), (BENIGN_FLIGHTS, true)]
+            .map(|(flights, jitter)| hand.rows(file, &nominal, &seeds(flights), jitter))
+    };
+    // They are the same whichever flights were accepted.
+    let flown: BTreeMap<u64, Option<Row>> =
+        Shelf::in_folder(folder).kept(AS_IS, scene, items, || {
+            as_is();
+            hand.known().iter().map(|(key, row)| (*key, row.as_deref().map(to_disk))).collect()
+        });
+    hand.known().extend(flown.into_iter().map(|(key, row)| (key, row.map(from_disk))));
+    hand.done.store(0, Ordering::Relaxed);
+    let [own, benign] = as_is();
     let flies = own.len() >= LEAST_FLOWN && benign.len() * 2 > BENIGN_FLIGHTS;
     if flies && why_not_yet(&judge_as_is(&own, &benign, seen).blocks).is_none() {
         return Ok(file.clone());
     }
-    let tell = |done, of| progress(FLIGHTS_AS_IS + done, FLIGHTS_AS_IS + of);
-    let found = commission_traces(scene, items, accepted, tell)?;
+    let found = commission_by(&hand, accepted)?;
     // Of a file that is not flown there is no before.
     let nearer = found.whole.before.is_nan() || found.whole.after < found.whole.before;
     Ok(if nearer { found.vehicle } else { file.clone() })
@@ -213,7 +230,8 @@ mod tests {
         assert!(ask(&scene, &accepted[1..]).is_none(), "too few to say");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
         assert!(ask(&scene, &accepted).is_none(), "flown by the file's own vehicle");
-        let kept = std::fs::read_dir(folder.path()).unwrap().next().unwrap().unwrap().path();
+        let mut files = std::fs::read_dir(folder.path()).unwrap().map(|file| file.unwrap().path());
+        let kept = files.find(|path| path.extension().is_some_and(|end| end == "toml")).unwrap();
         let read = || Vehicle::from_toml(&std::fs::read_to_string(&kept).unwrap()).unwrap();
         assert_eq!(read(), scene.vehicle);
         // As if the flights had shown another resistance.

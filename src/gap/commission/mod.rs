@@ -25,7 +25,9 @@ mod solve;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use nalgebra::DMatrix;
@@ -34,6 +36,7 @@ use serde::Serialize;
 
 use crate::bank::Bank;
 use crate::bank::fly::fly_observed_into;
+use crate::bank::kept_file::fnv;
 use crate::bank::make_bank::jittered;
 use crate::flight::logs::Flown;
 use crate::flight::statistics::{specs, statistics_of};
@@ -201,18 +204,21 @@ fn commission_for(
     accepted: &[&Trace],
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Commissioned, NotCommissioned> {
-    let file = &scene.vehicle;
-    let hand = Hand::of(constants, scene, items, accepted.len(), progress);
-    let mut line = Linear::first(&hand, accepted)?;
+    commission_by(&Hand::of(constants, scene, items, accepted.len(), progress), accepted)
+}
+
+fn commission_by(hand: &Hand<'_>, accepted: &[&Trace]) -> Result<Commissioned, NotCommissioned> {
+    let file = &hand.scene.vehicle;
+    let mut line = Linear::first(hand, accepted)?;
     for _ in 1..ROUNDS {
         let posterior = line.evidence().solve();
-        let Some(better) = line.step(&hand, &posterior) else { break };
-        line = Linear::at(&hand, &better, accepted)?;
+        let Some(better) = line.step(hand, &posterior) else { break };
+        line = Linear::at(hand, &better, accepted)?;
     }
     let posterior = line.evidence().solve_shown();
     let mut vehicle = hand.moved(&posterior.at);
     vehicle.commissioned.flights = accepted.len().try_into().unwrap_or(u32::MAX);
-    let judged = crossed::judge(&hand, &line, &posterior, accepted);
+    let judged = crossed::judge(hand, &line, &posterior, accepted);
     let z90 = normal::quantile(0.95);
     let found = |(k, constant): (usize, &Constant)| Found {
         key: constant.key,
@@ -224,12 +230,12 @@ fn commission_for(
         shown: posterior.shows(k),
     };
     Ok(Commissioned {
-        constants: constants.iter().enumerate().map(found).collect(),
+        constants: hand.constants.iter().enumerate().map(found).collect(),
         vehicle,
         blocks: judged.blocks,
         whole: judged.whole,
         flights: accepted.len(),
-        simulated: hand.done(),
+        simulated: hand.known().len(),
     })
 }
 
@@ -245,8 +251,13 @@ struct Hand<'a> {
     least: usize,
     /// Pairs of flights behind a slope.
     pairs: usize,
+    /// What was flown.
+    flown: Arc<Mutex<Known>>,
     progress: &'a (dyn Fn(usize, usize) + Sync),
 }
+
+/// Flights by a hash of all that tells them apart: a constant at its bound is not moved, and the file's own are asked for again.
+type Known = BTreeMap<u64, Option<Vec<f64>>>;
 
 impl<'a> Hand<'a> {
     fn of(
@@ -259,7 +270,8 @@ impl<'a> Hand<'a> {
         let slopes = 2 * SLOPE_FLIGHTS * constants.len();
         let of = ROUNDS * (MEAN_FLIGHTS + slopes) + crossed::flights(accepted);
         let (done, least, pairs) = (AtomicUsize::new(0), LEAST_FLIGHTS, SLOPE_FLIGHTS);
-        Self { constants, scene, items, done, of, least, pairs, progress }
+        let flown = Arc::default();
+        Self { constants, scene, items, done, of, least, pairs, flown, progress }
     }
 }
 
@@ -273,21 +285,38 @@ impl Hand<'_> {
         self.done.load(Ordering::Relaxed)
     }
 
+    fn tell(&self) {
+        let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
+        (self.progress)(done.min(self.of), self.of);
+    }
+
+    fn known(&self) -> MutexGuard<'_, Known> {
+        self.flown.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// The nominal chain of a vehicle in this scene.
     fn nominal(&self, vehicle: &Vehicle) -> Nominal {
         Nominal { vehicle: vehicle.clone(), ..Nominal::of_scene(self.scene) }
     }
 
-    /// Flights of vehicles by seeds, as a nominal chain sees them; `None`: refused, or not to its end.
+    /// Flights of vehicles by seeds, as a nominal chain sees them, each flown once; `None`: refused, or not to its end.
     fn fly(
         &self,
         jobs: &[(&Vehicle, u64)],
         nominal: &Nominal,
         jitter: bool,
     ) -> Vec<Option<Vec<f64>>> {
+        // Debug output of numbers is exact.
+        let chain = fnv(format!("{:?} {jitter}", nominal.vehicle).as_bytes());
+        let key = |(vehicle, seed): &(&Vehicle, u64)| {
+            fnv(format!("{vehicle:?} {seed} {chain}").as_bytes())
+        };
+        let keys: Vec<u64> = jobs.iter().map(key).collect();
+        let mut new: BTreeMap<u64, &(&Vehicle, u64)> = keys.iter().copied().zip(jobs).collect();
+        new.retain(|key, _| !self.known().contains_key(key));
+        (new.len()..jobs.len()).for_each(|_| self.tell());
         let fly = |trace: &mut Trace, (vehicle, seed): &(&Vehicle, u64)| {
-            let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
-            (self.progress)(done.min(self.of), self.of);
+            self.tell();
             let mut problems = Problems::new();
             vehicle.check("vehicle", &mut problems);
             problems.into_result().ok()?;
@@ -300,7 +329,13 @@ impl Hand<'_> {
             let whole = trace.came_as_far_as(scene.until_s) && trace.crashed != Some(true);
             whole.then(|| statistics_of(trace, nominal).ok())?
         };
-        jobs.par_iter().map_init(|| Trace::new(self.scene.survey.clone()), fly).collect()
+        let trace = || Trace::new(self.scene.survey.clone());
+        let new: Vec<_> = new.into_iter().collect();
+        let rows = new.par_iter().map_init(trace, |trace, (key, job)| (*key, fly(trace, job)));
+        let rows: Vec<_> = rows.collect();
+        let mut known = self.known();
+        known.extend(rows);
+        keys.iter().map(|key| known.get(key)?.clone()).collect()
     }
 
     /// Flights of one vehicle by these seeds that came to their end.

@@ -7,10 +7,7 @@ mod references;
 mod session;
 mod words;
 
-use std::path::Path;
-
 use crate::advice::{Effort, Hypothesis, Remaining, advise};
-use crate::bank::archive::Shelf;
 use crate::bank::library;
 use crate::commission::budget::budget;
 use crate::diagnosis::{Advised, Diagnosis, ShrinkResult};
@@ -67,7 +64,7 @@ pub fn diagnose(
         draw(&session, &mut diagnosis, options.audience);
     }
     if options.advice {
-        advised(&session, &mut diagnosis, &simulator.folder, options.audience);
+        advised(&session, &mut diagnosis, options.audience);
     }
     Ok(diagnosis)
 }
@@ -143,7 +140,8 @@ fn shrink(
     }
     let all = std::iter::once(&mut named).chain(&mut rivals);
     session.resize(&mut all.collect::<Vec<_>>(), audience);
-    let r = measure(flights, accepted, &session.told, &named, &rivals, |done, of| {
+    let shelf = session.workshop.shelf();
+    let r = measure(flights, accepted, &session.told, &named, &rivals, &shelf, |done, of| {
         audience.at("shrink", done, of);
     })?;
     for (k, rung) in diagnosis.ladder.iter_mut().enumerate() {
@@ -188,6 +186,7 @@ fn draw(session: &Session, diagnosis: &mut Diagnosis, audience: &dyn Audience) {
         &own,
         &session.reference_details,
         &effects.collect::<Vec<_>>(),
+        &session.workshop.shelf(),
         |done, of| audience.at("cells", done, of),
     ));
 }
@@ -209,7 +208,7 @@ pub fn remaining(d: &Diagnosis) -> Remaining {
 }
 
 /// Experiments, where anything is open.
-fn advised(session: &Session, diagnosis: &mut Diagnosis, folder: &Path, audience: &dyn Audience) {
+fn advised(session: &Session, diagnosis: &mut Diagnosis, audience: &dyn Audience) {
     if diagnosis.attribution.is_none() {
         return;
     }
@@ -217,7 +216,7 @@ fn advised(session: &Session, diagnosis: &mut Diagnosis, folder: &Path, audience
     let experiments = if open.is_settled() {
         Vec::new()
     } else {
-        let shelf = Shelf::in_folder(folder);
+        let shelf = session.workshop.shelf();
         let tell = |done, of| audience.at("advice", done, of);
         advise(&session.scene, &open, Effort::Listed, &shelf, tell)
     };

@@ -2,9 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
+use rayon::prelude::*;
+
 use super::asked::{Audience, References, Refused, refuse, say_which};
 use crate::flight::logs::{self, Flown};
 use haltere_log::log_file::has_log_ending;
+use haltere_log::replay::ReplayError;
 
 /// Accepted flights, by what they are compared with.
 #[derive(Debug, Default)]
@@ -41,16 +44,15 @@ pub fn read(
     audience: &dyn Audience,
 ) -> Result<Accepted, Refused> {
     let mut accepted = Accepted::default();
-    let (named, held_out) = (found(&references.same_mission)?, found(&references.held_out)?);
-    let of = named.len() + held_out.len();
+    let (mut named, held_out) = (found(&references.same_mission)?, found(&references.held_out)?);
+    let (firsts, of) = (named.len(), named.len() + held_out.len());
+    named.extend(held_out);
     let mut taken = Vec::new();
     let mut given: Vec<Flown> = Vec::new();
-    let named = named.into_iter().map(|found| (found, true));
-    for (k, (Found { path, in_folder }, is_first)) in
-        named.chain(held_out.into_iter().map(|found| (found, false))).enumerate()
-    {
+    for (k, (Found { path, in_folder }, read)) in all_read(named).enumerate() {
+        let is_first = k < firsts;
         audience.at("reference flights", k, of);
-        let flown = match sound(&path, audience) {
+        let flown = match sound(&path, read, audience) {
             Ok(flown) => flown,
             Err(why) if in_folder => {
                 taken.push(format!("left out: {why}"));
@@ -122,9 +124,9 @@ pub fn of_one_mission(names: &[PathBuf], audience: &dyn Audience) -> Result<Vec<
     let named = found(names)?;
     let of = named.len();
     let mut flights: Vec<Flown> = Vec::new();
-    for (k, Found { path, in_folder }) in named.into_iter().enumerate() {
+    for (k, (Found { path, in_folder }, read)) in all_read(named).enumerate() {
         audience.at("reference flights", k, of);
-        let read = sound(&path, audience).and_then(|flown| {
+        let read = sound(&path, read, audience).and_then(|flown| {
             flights.first().map_or(Ok(()), |first| same_flight(&flown, first)).map(|()| flown)
         });
         match read {
@@ -165,9 +167,27 @@ pub fn each_once(flights: &[&Flown]) -> Result<(), Refused> {
     Ok(())
 }
 
+/// Reads logs, in their order and so many at a time as there are cores: a flight takes 30 MB.
+fn all_read(found: Vec<Found>) -> impl Iterator<Item = (Found, Result<Flown, ReplayError>)> {
+    let mut left = found.into_iter();
+    let some = move || {
+        let some: Vec<Found> = left.by_ref().take(rayon::current_num_threads()).collect();
+        let read = |found: Found| {
+            let flown = logs::read(&found.path);
+            (found, flown)
+        };
+        (!some.is_empty()).then(|| some.into_par_iter().map(read).collect::<Vec<_>>())
+    };
+    std::iter::from_fn(some).flatten()
+}
+
 /// A log that can stand for a good flight.
-fn sound(path: &Path, audience: &dyn Audience) -> Result<Flown, Refused> {
-    let flown = logs::read(path)?;
+fn sound(
+    path: &Path,
+    read: Result<Flown, ReplayError>,
+    audience: &dyn Audience,
+) -> Result<Flown, Refused> {
+    let flown = read?;
     match flown.faults.first() {
         Some(fault) => refuse(format!("{}: no reference: {fault}", path.display())),
         None => {

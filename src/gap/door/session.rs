@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use rayon::prelude::*;
+
 use super::asked::{Audience, Flights, References, Refused, Simulator, refuse, say_which};
 use super::references::{Accepted, each_once, read, same_survey};
 use crate::attribute::{Attributor, Settings};
@@ -10,8 +12,9 @@ use crate::commission::{Fitted, NotCommissioned, begun_with, fitted, not_yet};
 use crate::diagnosis::{Diagnosis, Observed, judge, observed, unreadable};
 use crate::flight::logs::{self, Flown};
 use crate::flight::seal::digest_of;
+use crate::flight::timeline::NotObservable;
 use crate::nominal::Nominal;
-use crate::picture::details::{Details, details};
+use crate::picture::details::{Details, observed_in_detail};
 use crate::scene::{Scene, Told};
 use crate::shrink::held_out::{Explanation, HeldOut, resize_all};
 use haltere_log::record::LogError;
@@ -95,8 +98,8 @@ pub fn open(
         ));
     }
     // Before anything long: flights that cannot stand beside this one.
-    let others =
-        flights.held_out.iter().map(|path| logs::read(path)).collect::<Result<Vec<_>, _>>()?;
+    let others: Vec<_> = flights.held_out.par_iter().map(|path| logs::read(path)).collect();
+    let others = others.into_iter().collect::<Result<Vec<_>, _>>()?;
     for other in &others {
         say_which(audience, &other.path, other.flight);
         same_survey(other, &flown)?;
@@ -132,7 +135,8 @@ pub fn open(
         }
         workshop => workshop?,
     };
-    let (references, reference_details) = accepted(first, &workshop.nominal)?;
+    let (references, reference_details) = accepted(&first, &workshop.nominal)?;
+    drop(first);
     let settings = Settings::for_flights();
     let learning = |done| audience.at("learning the bank", done, 1);
     let attributor = workshop.learn(&references, &[], &settings, || learning(0))?;
@@ -222,7 +226,12 @@ impl Session {
     /// first.
     pub fn resize(&self, explanations: &mut [&mut Explanation], audience: &dyn Audience) {
         let Ok(observation) = &self.seen.observation else { return };
-        let model = HeldOut::new(&self.scene, &self.workshop.items, &self.references);
+        let model = HeldOut::new(
+            &self.scene,
+            &self.workshop.items,
+            &self.references,
+            &self.workshop.shelf(),
+        );
         let name = explanations.first().map(|e| e.name.clone()).unwrap_or_default();
         let shares = resize_all(&model, &observation.statistics, explanations, |done, of| {
             audience.at("sizes", done, of);
@@ -241,19 +250,16 @@ impl Session {
 
 /// Statistics and details of accepted flights of one mission.
 fn accepted(
-    flights: Vec<Flown>,
+    flights: &[Flown],
     nominal: &Nominal,
 ) -> Result<(Vec<Vec<f64>>, Vec<Details>), Refused> {
-    let (mut rows, mut pictures) = (Vec::new(), Vec::new());
-    for reference in flights {
-        let path = reference.path.clone();
-        pictures.extend(details(&reference.trace, nominal).ok());
-        match observed(reference, nominal).observation {
-            Ok(observation) => rows.push(observation.statistics),
-            Err(why) => return refuse(format!("{}: {why}", path.display())),
-        }
-    }
-    Ok((rows, pictures))
+    let seen: Vec<_> =
+        flights.par_iter().map(|flown| observed_in_detail(&flown.trace, nominal)).collect();
+    let of = |(flown, seen): (&Flown, Result<_, NotObservable>)| {
+        seen.map_err(|why| Refused::Given(format!("{}: {why}", flown.path.display())))
+    };
+    let seen: Vec<_> = flights.iter().zip(seen).map(of).collect::<Result<_, _>>()?;
+    Ok(seen.into_iter().unzip())
 }
 
 /// SHA-256 of a file; empty where it cannot be read, which was said before.

@@ -29,7 +29,8 @@ impl AsFlown {
     pub fn of(log: &LogReader, part: &FlightPart) -> Self {
         let mut flown = Self::default();
         let mut part = part.clone();
-        for entry in log.entries().filter(|entry| part.holds(entry)) {
+        let entries = log.entries_with(|channel| matches!(channel, "/mode" | "/control"));
+        for entry in entries.filter(|entry| part.holds(entry)) {
             match entry {
                 Entry::Output { at, link, bytes, .. } => {
                     flown.setpoints.extend(setpoint_of(at, link, &bytes));

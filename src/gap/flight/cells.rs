@@ -180,9 +180,8 @@ pub fn channels(f: &Flight<'_>, rows: &uwb::Rows) -> [(Channel, Vec<f64>); 11] {
     ]
 }
 
-/// Cells of a flight.
-pub fn cells(f: &Flight<'_>, rows: &uwb::Rows) -> Vec<Cell> {
-    let channels = channels(f, rows);
+/// Cells of a flight with these channels.
+pub fn cells(f: &Flight<'_>, rows: &uwb::Rows, channels: &[(Channel, Vec<f64>)]) -> Vec<Cell> {
     let regimes: Vec<[bool; REGIMES.len()]> = (0..f.len()).map(|k| regimes(f, k)).collect();
     let (first, last) = (
         f.clear.iter().position(|c| *c).unwrap_or(0),
@@ -192,7 +191,7 @@ pub fn cells(f: &Flight<'_>, rows: &uwb::Rows) -> Vec<Cell> {
         |k: usize| (k.saturating_sub(first) * WINDOWS / (last - first + 1)).min(WINDOWS - 1);
     let voxels: Vec<usize> = f.states.iter().map(|s| uwb::voxel(f, &s.pos_E_m)).collect();
     let mut out = Vec::new();
-    for (channel, values) in &channels {
+    for (channel, values) in channels {
         let tau = correlated_points(values);
         let mut cell = |part: Part, is_in: &dyn Fn(usize) -> bool| {
             out.push(mean(*channel, part, values, tau, is_in));

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use crate::flight::cells::{Cell, cells};
+use crate::flight::cells::{Cell, cells, channels};
 use crate::flight::residuals::{
     Flight, Sheet, attitude, battery, bias, force, loops, servos, timing, uwb,
 };
@@ -43,7 +43,12 @@ pub fn specs() -> &'static [StatSpec] {
 /// The statistics of a flight alone, which is all that a bank keeps of it.
 pub fn statistics_of(trace: &Trace, nominal: &Nominal) -> Result<Vec<f64>, NotObservable> {
     let flight = Flight::new(trace, nominal)?;
-    Ok(filled(&flight, &uwb::residuals(&flight)).0)
+    Ok(statistics_by(&flight, &uwb::residuals(&flight)))
+}
+
+/// The same from its residuals.
+pub fn statistics_by(flight: &Flight<'_>, rows: &uwb::Rows) -> Vec<f64> {
+    filled(flight, rows).0
 }
 
 /// Observes a flight.
@@ -52,7 +57,8 @@ pub fn observe(trace: &Trace, nominal: &Nominal) -> Result<Observation, NotObser
     let rows = uwb::residuals(&flight);
     let (statistics, anchors) = filled(&flight, &rows);
     let span_s = flight.clear_points().count() as f64 * STEP_S;
-    Ok(Observation { statistics, anchors, cells: cells(&flight, &rows), span_s })
+    let cells = cells(&flight, &rows, &channels(&flight, &rows));
+    Ok(Observation { statistics, anchors, cells, span_s })
 }
 
 fn filled(flight: &Flight<'_>, rows: &uwb::Rows) -> (Vec<f64>, Vec<AnchorId>) {

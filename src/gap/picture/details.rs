@@ -3,13 +3,21 @@
 //!
 //! The same details of null flights ([`fly_nulls`]) are what they are compared with.
 
-use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
-use crate::bank::fly::fly_observed;
+use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::bank::archive::Shelf;
+use crate::bank::bank_file::{Row, from_disk, to_disk};
+use crate::bank::fly::fly_observed_into;
+use crate::bank::kept_file::Kind as KeptKind;
 use crate::bank::library::with_effect;
 use crate::bank::make_bank::jittered;
 use crate::flight::cells::{Cell, cells, channels};
 use crate::flight::residuals::{Channel, Flight, force, uwb};
+use crate::flight::statistics::statistics_by;
 use crate::flight::timeline::{NotObservable, STEP_S};
 use crate::flight::trace::Trace;
 use crate::nominal::Nominal;
@@ -111,10 +119,24 @@ pub struct Details {
 /// Details of a flight.
 pub fn details(trace: &Trace, nominal: &Nominal) -> Result<Details, NotObservable> {
     let f = Flight::new(trace, nominal)?;
+    Ok(details_of(&f, &uwb::residuals(&f)))
+}
+
+/// Statistics of a flight with its details.
+pub fn observed_in_detail(
+    trace: &Trace,
+    nominal: &Nominal,
+) -> Result<(Vec<f64>, Details), NotObservable> {
+    let f = Flight::new(trace, nominal)?;
     let rows = uwb::residuals(&f);
-    let cells = cells(&f, &rows);
+    Ok((statistics_by(&f, &rows), details_of(&f, &rows)))
+}
+
+fn details_of(f: &Flight<'_>, rows: &uwb::Rows) -> Details {
+    let channels = channels(f, rows);
+    let cells = cells(f, rows, &channels);
     let mut lines = Vec::new();
-    for (channel, values) in channels(&f, &rows) {
+    for (channel, values) in channels {
         let (means, spreads) = by_second(&values);
         let line = |kind, values| Line { channel, kind, anchor: None, values };
         lines.push(line(Kind::Mean, means));
@@ -122,14 +144,14 @@ pub fn details(trace: &Trace, nominal: &Nominal) -> Result<Details, NotObservabl
             lines.push(line(Kind::Spread, spreads));
         }
     }
-    lines.extend(anchor_lines(&f, &rows));
-    Ok(Details {
+    lines.extend(anchor_lines(f, rows));
+    Details {
         cells,
         lines,
-        regressors: regressors(&f),
-        force_NE_mps2: forces(&f),
-        pairs_m: pairs(&f, &rows),
-    })
+        regressors: regressors(f),
+        force_NE_mps2: forces(f),
+        pairs_m: pairs(f, rows),
+    }
 }
 
 /// Details of flights of the model with benign jitter, and with effects if any; lost ones are left
@@ -141,23 +163,84 @@ pub fn fly_nulls(
     seeds: std::ops::Range<u64>,
     progress: impl Fn(usize, usize) + Sync,
 ) -> Vec<Details> {
-    use rayon::prelude::*;
-    use std::sync::atomic::{AtomicUsize, Ordering};
     let nominal = Nominal::of_scene(scene);
     let (done, of) = (AtomicUsize::new(0), (seeds.end - seeds.start) as usize);
-    seeds
-        .into_par_iter()
-        .filter_map(|seed| {
-            let mut plant = jittered(scene.plant(seed)).ok()?;
-            for (spec, theta) in effects {
-                plant.effects = with_effect(plant.effects, spec, theta).ok()?;
-            }
-            let flown = fly_observed(scene, items, plant, scene.pilot.clone()).ok();
-            let seen = flown.and_then(|trace| details(&trace, &nominal).ok());
-            progress(done.fetch_add(1, Ordering::Relaxed) + 1, of);
-            seen
-        })
-        .collect()
+    let fly = |trace: &mut Trace, seed: u64| {
+        let mut plant = jittered(scene.plant(seed)).ok()?;
+        for (spec, theta) in effects {
+            plant.effects = with_effect(plant.effects, spec, theta).ok()?;
+        }
+        let flown = fly_observed_into(trace, scene, items, plant, scene.pilot.clone());
+        let seen = flown.ok().and_then(|()| details(trace, &nominal).ok());
+        progress(done.fetch_add(1, Ordering::Relaxed) + 1, of);
+        seen
+    };
+    let trace = || Trace::new(scene.survey.clone());
+    seeds.into_par_iter().map_init(trace, fly).flatten().collect()
+}
+
+const NULLS: KeptKind = KeptKind { what: "details of flights", magic: b"HALTSEEN", version: 1 };
+
+/// Numbers of a flight's details: mean, root mean square and samples of the cells, lines, regressors, forces, pairs. What they are of is
+/// the same for all flights of a mission.
+#[derive(Serialize, Deserialize)]
+struct OnDisk {
+    cells: [Row; 3],
+    lines: Vec<Row>,
+    regressors: Vec<Row>,
+    forces: [Row; 2],
+    pairs: Row,
+}
+
+impl OnDisk {
+    fn of(details: &Details) -> Self {
+        let cells =
+            |of: fn(&Cell) -> f64| to_disk(&details.cells.iter().map(of).collect::<Vec<_>>());
+        let forces = |k: usize| {
+            to_disk(&details.force_NE_mps2.iter().map(|force| force[k]).collect::<Vec<_>>())
+        };
+        Self {
+            cells: [cells(|c| c.mean), cells(|c| c.rms), cells(|c| c.n_eff)],
+            lines: details.lines.iter().map(|line| to_disk(&line.values)).collect(),
+            regressors: details.regressors.iter().map(|r| to_disk(&r.values)).collect(),
+            forces: [forces(0), forces(1)],
+            pairs: to_disk(&details.pairs_m.iter().map(|pair| pair.2).collect::<Vec<_>>()),
+        }
+    }
+
+    /// `like`: of any flight of the mission.
+    fn details(self, like: &Details) -> Details {
+        let [mean, rms, n_eff] = self.cells.map(from_disk);
+        let [north, east] = self.forces.map(from_disk);
+        let cells = like.cells.iter().zip(mean).zip(rms.into_iter().zip(n_eff));
+        let lines = like.lines.iter().zip(self.lines);
+        let regressors = like.regressors.iter().zip(self.regressors);
+        let pairs = like.pairs_m.iter().zip(from_disk(self.pairs));
+        Details {
+            cells: cells.map(|((c, mean), (rms, n_eff))| Cell { mean, rms, n_eff, ..*c }).collect(),
+            lines: lines.map(|(l, row)| Line { values: from_disk(row), ..l.clone() }).collect(),
+            regressors: regressors
+                .map(|(r, row)| Regressor { values: from_disk(row), name: r.name })
+                .collect(),
+            force_NE_mps2: north.into_iter().zip(east).map(|(n, e)| [n, e]).collect(),
+            pairs_m: pairs.map(|((a, b, _), mean)| (*a, *b, mean)).collect(),
+        }
+    }
+}
+
+/// [`fly_nulls`] without effects, of a mission that every diagnosis flies alike: from the shelf where they were flown before. `like`:
+/// details of any flight of the mission.
+pub fn kept_nulls(
+    scene: &Scene,
+    items: &[MISSION_ITEM_INT_DATA],
+    like: &Details,
+    seeds: std::ops::Range<u64>,
+    shelf: &Shelf,
+    progress: impl Fn(usize, usize) + Sync,
+) -> Vec<Details> {
+    let fly = || fly_nulls(scene, items, &[], seeds, progress).iter().map(OnDisk::of).collect();
+    let kept: Vec<OnDisk> = shelf.kept(NULLS, scene, items, fly);
+    kept.into_iter().map(|kept| kept.details(like)).collect()
 }
 
 /// Mean, and logarithm of the standard deviation, of every second.

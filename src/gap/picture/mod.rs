@@ -11,9 +11,10 @@ pub mod onset;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
+use crate::bank::archive::Shelf;
 use crate::flight::cells::Part;
 use crate::flight::residuals::uwb::SIDE;
-use crate::picture::details::{Details, fly_nulls};
+use crate::picture::details::{Details, fly_nulls, kept_nulls};
 use crate::picture::matrix::{Matrix, Square, floor, matrix};
 use crate::picture::onset::{Onset, onset};
 use crate::scene::Scene;
@@ -131,17 +132,19 @@ pub struct Signature {
     pub fitted: Vec<[f64; 2]>,
 }
 
-/// Draws the pictures of a flight. `named`: effects to show beside it; `progress`: done, of how many.
+/// Draws the pictures of a flight. `named`: effects to show beside it; `shelf`: where null flights are kept; `progress`: done, of how many.
 pub fn picture(
     scene: &Scene,
     items: &[MISSION_ITEM_INT_DATA],
     flight: &Details,
     references: &[Details],
     named: &[(&EffectSpec, &[f64])],
+    shelf: &Shelf,
     progress: impl Fn(usize, usize) + Sync,
 ) -> Picture {
     let of = (NULLS + if named.is_empty() { 0 } else { WITH }) as usize;
-    let nulls = fly_nulls(scene, items, &[], SEED..SEED + NULLS, |k, _| progress(k, of));
+    let seeds = SEED..SEED + NULLS;
+    let nulls = kept_nulls(scene, items, flight, seeds, shelf, |k, _| progress(k, of));
     let with = if named.is_empty() {
         Vec::new()
     } else {

@@ -4,15 +4,20 @@
 //! Attainable is the best of everything that was tried, the asked explanation and pairs of effects
 //! included: no retuning of every constant stands behind it, so it is a bound from below.
 
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
+
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
+use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::bank::fly::fly_observed;
+use crate::bank::archive::{Job, Shelf};
+use crate::bank::fly::fly_observed_into;
 use crate::bank::library::with_effect;
-use crate::bank::make_bank::jittered;
-use crate::diagnosis::observed;
+use crate::bank::workshop::mission_key;
 use crate::flight::logs::Flown;
 use crate::flight::statistics::{specs, statistics_of};
+use crate::flight::trace::Trace;
 use crate::nominal::Nominal;
 use crate::scene::{Scene, Told};
 use crate::shrink::resize::resize;
@@ -100,39 +105,39 @@ pub enum NotMeasured {
     Nothing(String),
 }
 
-/// Flies every explanation beside every held-out flight. `accepted`: healthy flights of the airframe on
-/// the same missions; `progress`: done, of how many.
+/// Flies every explanation beside every held-out flight; flights of one mission are beside the same ones. `accepted`: healthy flights
+/// of the airframe on the same missions; `shelf`: where flights without an effect are kept; `progress`: done, of how many.
 pub fn measure(
     held_out: &[Flown],
     accepted: &[Flown],
     told: &Told,
     asked: &Explanation,
     others: &[Explanation],
+    shelf: &Shelf,
     progress: impl Fn(usize, usize),
 ) -> Result<Measured, NotMeasured> {
+    let scenes: Vec<Scene> = held_out.iter().map(|flown| flown.scene(told).on_grid()).collect();
+    let mut models: BTreeMap<String, HeldOut<'_>> = BTreeMap::new();
     let mut pairs: Vec<Vec<Paired>> = vec![Vec::new(); 1 + others.len()];
-    let mut model_of_last: Option<Vec<f64>> = None;
+    let mut scales_of_last: Option<Vec<f64>> = None;
     let mut why = "none was named".to_owned();
     let of = held_out.len() * (2 + others.len());
     let mut done = 0;
-    for flown in held_out {
-        let scene = flown.scene(told).on_grid();
-        let nominal = Nominal::of_scene(&scene);
-        let real = match observed(flown.clone(), &nominal).observation {
-            Ok(seen) => seen.statistics,
+    for (flown, scene) in held_out.iter().zip(&scenes) {
+        let nominal = Nominal::of_scene(scene);
+        let real = match statistics_of(&flown.trace, &nominal) {
+            Ok(statistics) => statistics,
             Err(error) => {
                 why = format!("{}: {error}", flown.path.display());
                 done += 2 + others.len();
                 continue;
             }
         };
-        let references: Vec<Vec<f64>> = accepted
-            .iter()
-            .filter(|a| a.mission.len() == flown.mission.len())
-            .filter_map(|a| observed(a.clone(), &nominal).observation.ok())
-            .map(|seen| seen.statistics)
-            .collect();
-        let model = HeldOut::new(&scene, &flown.mission, &references);
+        let model = models.entry(mission_key(scene, &flown.mission, "")).or_insert_with(|| {
+            let of_mission = accepted.iter().filter(|a| a.mission.len() == flown.mission.len());
+            let rows = of_mission.filter_map(|a| statistics_of(&a.trace, &nominal).ok());
+            HeldOut::new(scene, &flown.mission, &rows.collect::<Vec<_>>(), shelf)
+        });
         done += 1;
         progress(done, of);
         for (slot, explanation) in pairs.iter_mut().zip(std::iter::once(asked).chain(others)) {
@@ -142,9 +147,9 @@ pub fn measure(
             done += 1;
             progress(done, of);
         }
-        model_of_last = Some(model.scales().to_vec());
+        scales_of_last = Some(model.scales().to_vec());
     }
-    let Some(scales) = model_of_last else { return Err(NotMeasured::Nothing(why)) };
+    let Some(scales) = scales_of_last else { return Err(NotMeasured::Nothing(why)) };
     let mut shrinks: Vec<Shrink> =
         pairs.iter().map(|p| crate::shrink::shrink(p, &scales, SEED)).collect();
     let own = shrinks.remove(0);
@@ -191,15 +196,27 @@ pub struct HeldOut<'a> {
     offset: Vec<f64>,
     /// Healthy flights of this airframe on this mission.
     healthy: Vec<Vec<f64>>,
+    /// What was flown already: by effects, in the order of seeds; `None`: lost.
+    flown: Mutex<BTreeMap<String, Vec<Option<Vec<f64>>>>>,
 }
 
 impl<'a> HeldOut<'a> {
-    /// Flies the nominal model. `references`: healthy flights of this airframe on this mission.
+    /// Flies the nominal model. `references`: healthy flights of this airframe on this mission; `shelf`: where flights of the model
+    /// without an effect are kept.
     pub fn new(
         scene: &'a Scene,
         items: &'a [MISSION_ITEM_INT_DATA],
         references: &[Vec<f64>],
+        shelf: &Shelf,
     ) -> Self {
+        let mut archive = shelf.open(scene, items);
+        let mut fly = |first: u64, count: usize, jitter: bool| {
+            let job = |k: usize| Job { seed: first + k as u64, jitter, effect: None };
+            archive.fly(&(0..count).map(job).collect::<Vec<_>>(), &|| ())
+        };
+        let plain = fly(SHRINK_SEED, SHRINK_FLIGHTS, false);
+        let benign: Vec<_> = fly(BENIGN_SEED, BENIGN_FLIGHTS, true).into_iter().flatten().collect();
+        archive.keep();
         let mut result = Self {
             scene,
             items,
@@ -208,11 +225,12 @@ impl<'a> HeldOut<'a> {
             scales: Vec::new(),
             offset: Vec::new(),
             healthy: references.to_vec(),
+            flown: Mutex::new(BTreeMap::from([(String::new(), plain)])),
         };
         result.before = result.fly(&[], SHRINK_FLIGHTS);
         // A difference counts by what benign changes of the constants make, and by what healthy flights
         // differ by: a battery that is charged otherwise is no gap, however exactly it repeats.
-        result.scales = scales(&result.benign());
+        result.scales = scales(&benign);
         if references.len() >= LEAST_REFERENCES {
             for (own, real) in result.scales.iter_mut().zip(scales(references)) {
                 *own = if real.is_finite() { own.hypot(real) } else { *own };
@@ -244,34 +262,28 @@ impl<'a> HeldOut<'a> {
         rows.into_iter().map(shift).collect()
     }
 
-    /// Nominal flights with benign jitter.
-    fn benign(&self) -> Vec<Vec<f64>> {
-        use rayon::prelude::*;
-        (0..BENIGN_FLIGHTS as u64)
-            .into_par_iter()
-            .filter_map(|k| {
-                let plant = jittered(self.scene.plant(BENIGN_SEED + k)).ok()?;
-                let pilot = self.scene.pilot.clone();
-                let trace = fly_observed(self.scene, self.items, plant, pilot).ok()?;
-                statistics_of(&trace, &self.nominal).ok()
-            })
-            .collect()
-    }
-
+    /// Flights by the first seeds with these effects, lost ones left out.
     fn fly(&self, effects: &[(&EffectSpec, &[f64])], flights: usize) -> Vec<Vec<f64>> {
-        use rayon::prelude::*;
-        (0..flights as u64)
-            .into_par_iter()
-            .filter_map(|k| {
-                let mut plant = self.scene.plant(SHRINK_SEED + k);
-                for (spec, theta) in effects {
-                    plant.effects = with_effect(plant.effects, spec, theta).ok()?;
-                }
-                let pilot = self.scene.pilot.clone();
-                let trace = fly_observed(self.scene, self.items, plant, pilot).ok()?;
-                statistics_of(&trace, &self.nominal).ok()
-            })
-            .collect()
+        // Debug output of numbers is exact.
+        let key: String =
+            effects.iter().map(|(spec, theta)| format!("{} {theta:?} ", spec.id)).collect();
+        let known = || self.flown.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut rows = known().get(&key).cloned().unwrap_or_default();
+        let fly = |trace: &mut Trace, k: usize| {
+            let mut plant = self.scene.plant(SHRINK_SEED + k as u64);
+            for (spec, theta) in effects {
+                plant.effects = with_effect(plant.effects, spec, theta).ok()?;
+            }
+            let pilot = self.scene.pilot.clone();
+            fly_observed_into(trace, self.scene, self.items, plant, pilot).ok()?;
+            statistics_of(trace, &self.nominal).ok()
+        };
+        if rows.len() < flights {
+            let trace = || Trace::new(self.scene.survey.clone());
+            rows.par_extend((rows.len()..flights).into_par_iter().map_init(trace, fly));
+            known().insert(key, rows.clone());
+        }
+        rows.into_iter().take(flights).flatten().collect()
     }
 
     /// The vehicle that is flown.
@@ -339,7 +351,7 @@ mod tests {
         let scene = Scene::lab().unwrap();
         let items = crate::bank::missions::plain(&scene);
         let spec = standard().into_iter().find(|s| s.id == "P1").unwrap();
-        let model = HeldOut::new(&scene, &items, &[]);
+        let model = HeldOut::new(&scene, &items, &[], &Shelf::none());
         let own = model.fly(&[(spec, &[0.12])], SHRINK_FLIGHTS).swap_remove(0);
         let (right, none) = (model.paired(&own, &[(spec, &[0.12])]), model.paired(&own, &[]));
         let (right, none) = (model.shrink(&[right]), model.shrink(&[none]));

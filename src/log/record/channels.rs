@@ -59,6 +59,11 @@ pub(super) fn is_raw(name: &str) -> bool {
     name == WAKE.0 || name.starts_with("/in/") || name.starts_with("/out/")
 }
 
+/// Whether it holds what the core tells of itself, or the glue around it.
+pub(super) fn is_decoded(name: &str) -> bool {
+    Decoded::CHANNELS.iter().any(|(channel, _)| *channel == name)
+}
+
 /// Message type of a channel of ours.
 pub(super) fn schema_of(channel: &str) -> Option<&'static str> {
     FIXED

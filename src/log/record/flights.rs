@@ -85,7 +85,8 @@ impl Flights {
             modes.iter().for_each(|entry| flights.take(entry));
             flights.newest = last;
         } else {
-            log.entries().for_each(|entry| flights.take(&entry));
+            let entries = log.entries_with(|channel| channel == "/mode");
+            entries.for_each(|entry| flights.take(&entry));
         }
         flights.end()
     }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use prost::Message as _;
 
-use super::channels;
+use super::channels::{self, Decoded};
 use super::entry::{Entry, decode};
 use super::errors::{LogEnd, LogError};
 use super::forms::unchecked;
@@ -192,7 +192,24 @@ impl LogReader {
 
     /// Everything after the head. [`Entries::end`] tells how the log ended once it is exhausted.
     pub fn entries(&self) -> Entries<'_> {
-        Entries { messages: self.messages() }
+        self.entries_with(|_| true)
+    }
+
+    /// The same with those decoded topics alone whose channel is wanted: most of a log are topics, and who asks the core has no
+    /// use for what it told.
+    pub fn entries_with(&self, wanted: fn(&str) -> bool) -> Entries<'_> {
+        Entries { messages: self.messages(), wanted }
+    }
+
+    /// Changes of mode as the log tells them.
+    pub fn modes(&self) -> Vec<pb::Mode> {
+        let mode = |entry| match entry {
+            Entry::Decoded(Decoded::Mode(mode)) => Some(mode),
+            _ => None,
+        };
+        let told = self.outline().and_then(|outline| outline.entries("/mode"));
+        let walked = || self.entries_with(|channel| channel == "/mode").filter_map(mode).collect();
+        told.map_or_else(walked, |told| told.into_iter().filter_map(mode).collect())
     }
 }
 
@@ -228,6 +245,7 @@ impl Heads {
 #[derive(Debug)]
 pub struct Entries<'a> {
     messages: Messages<'a>,
+    wanted: fn(&str) -> bool,
 }
 
 impl Entries<'_> {
@@ -243,6 +261,9 @@ impl Iterator for Entries<'_> {
     fn next(&mut self) -> Option<Entry> {
         loop {
             let message = self.messages.next()?;
+            if !(self.wanted)(&message.channel) && channels::is_decoded(&message.channel) {
+                continue;
+            }
             let offset = message.offset;
             match decode(&message) {
                 Ok(Some(entry)) => return Some(entry),

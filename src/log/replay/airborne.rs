@@ -3,7 +3,7 @@
 //! A core of another build may act otherwise on the same inputs: refuse to arm, or land. Its filter must be told
 //! all the same that the vehicle flew, since its inputs are those of the flight that took place.
 
-use crate::record::{Decoded, Entry, LogReader};
+use crate::record::LogReader;
 use haltere_core::time::HostTime;
 use haltere_pilot::Mode;
 
@@ -18,12 +18,8 @@ pub(super) struct Airborne {
 impl Airborne {
     /// Of a flight.
     pub fn flown(log: &LogReader) -> Self {
-        let modes = log.entries().filter_map(|entry| match entry {
-            Entry::Decoded(Decoded::Mode(m)) => {
-                Some((HostTime::from_us(m.at_us), Mode::from_name(&m.mode)))
-            }
-            _ => None,
-        });
+        let told = log.modes().into_iter();
+        let modes = told.map(|m| (HostTime::from_us(m.at_us), Mode::from_name(&m.mode)));
         Self { modes: modes.collect(), passed: 0 }
     }
 

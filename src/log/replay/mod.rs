@@ -137,15 +137,16 @@ fn replay_with(
     let report = Report::new(log.path().to_owned(), demand, build_differences, same_source);
     let airborne = if same_source { Airborne::default() } else { Airborne::flown(log) };
     let mut run = Run::new(pilot, start, report, airborne);
-    let mut entries = log.entries();
+    // What the core told is told by the replay; of what the log says of it, changes of mode bound a flight and counts of steps must fit.
+    let mut entries = log.entries_with(|channel| matches!(channel, "/mode" | "/health"));
     let mut mission = None;
     for entry in entries.by_ref() {
         let Some((part, watch)) = &mut watch else {
-            run.take(entry);
+            run.take(&entry);
             continue;
         };
         part.holds(&entry);
-        run.take(entry);
+        run.take(&entry);
         run.pilot.drain_topics(|topic| {
             if part.holds_topic(&topic) {
                 watch(topic);
@@ -196,29 +197,30 @@ impl Run {
         }
     }
 
-    fn take(&mut self, entry: Entry) {
-        self.inputs.take(&entry);
+    fn take(&mut self, entry: &Entry) {
+        self.inputs.take(entry);
         match entry {
             Entry::Input { sequence, at, input } => {
-                self.step(sequence, at);
+                self.step(*sequence, *at);
                 if self.report.holes.is_empty() {
-                    self.input(sequence, at, &input);
+                    self.input(*sequence, *at, input);
                 }
             }
             Entry::Output { sequence, at, link, bytes } => {
-                self.step(sequence, at);
+                self.step(*sequence, *at);
                 if self.report.holes.is_empty() {
-                    self.output(sequence, at, link, &bytes);
+                    self.output(*sequence, *at, *link, bytes);
                 }
             }
-            Entry::Hole(pb::Hole {
-                from_us,
-                to_us,
-                first_sequence,
-                last_sequence,
-                lost_raw,
-                lost_topics,
-            }) => {
+            Entry::Hole(hole) => {
+                let pb::Hole {
+                    from_us,
+                    to_us,
+                    first_sequence,
+                    last_sequence,
+                    lost_raw,
+                    lost_topics,
+                } = *hole;
                 // Decoded records alone may be missing: the replay does without them.
                 if lost_raw > 0 {
                     let since = |us| HostTime::from_us(us).seconds_since(self.start);
@@ -228,7 +230,7 @@ impl Run {
                     self.sequence = self.sequence.max(last_sequence).max(first_sequence);
                 }
             }
-            Entry::Closing(closing) => self.closing(&closing),
+            Entry::Closing(closing) => self.closing(closing),
             Entry::Decoded(_) => {}
         }
     }

@@ -261,10 +261,10 @@ fn regress_a_hole_up_to_the_largest_number_is_told() {
         lost_raw: u64::MAX,
         lost_topics: u64::MAX,
     };
-    run.take(Entry::Hole(hole));
+    run.take(&Entry::Hole(hole));
     for sequence in [u64::MAX, 0, 1] {
         let bytes = vec![0];
-        run.take(Entry::Output { sequence, at: start, link: LinkId::Board, bytes });
+        run.take(&Entry::Output { sequence, at: start, link: LinkId::Board, bytes });
     }
     let report = run.finish(&LogEnd::Complete);
     assert_eq!(report.verdict, Verdict::OnlyToHole, "{report}");

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
+use haltere_gap::bank::archive::Shelf;
 use haltere_gap::bank::library;
 use haltere_gap::diagnosis::observed;
 use haltere_gap::flight::logs;
@@ -45,7 +46,7 @@ impl Stage {
     }
 
     fn model(&self) -> HeldOut<'_> {
-        HeldOut::new(&self.scene, &self.items, &self.references)
+        HeldOut::new(&self.scene, &self.items, &self.references, &Shelf::none())
     }
 }
 
