@@ -16,12 +16,14 @@ use haltere::simulated::campaign::row::{Outcome, Row};
 use haltere_gap::bank::library;
 use haltere_gap::scene::Scene;
 use haltere_log::written;
+use haltere_model::board::Outside;
 use haltere_pilot::Envelope;
 use haltere_pilot::mission_file::{Command, Item, MissionFile};
 use rayon::prelude::*;
 use serde::Serialize;
 use toml::Value;
 
+use crate::firmware::Crazyflie;
 use crate::leavings;
 
 /// Longest flight, s: a pack is empty before.
@@ -52,6 +54,10 @@ pub struct Options {
     /// Vehicle file, or the name of a built-in one; without it the Flapper.
     #[arg(long, value_name = "FILE")]
     vehicle: Option<PathBuf>,
+    /// A Crazyflie's firmware that you have built for the host, with a clock that is driven, in the place of the simulated
+    /// board (docs/CRAZYFLIE.md).
+    #[arg(long, value_name = "PROGRAM")]
+    crazyflie: Option<PathBuf>,
     /// Configuration of the companion; may be given several times. The anchors are the scenario's.
     #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
@@ -107,7 +113,9 @@ pub fn run(options: &Options) -> Result<bool> {
     let flown: Vec<Flown> = pool.install(|| {
         due.into_par_iter()
             .map(|Due { log, mission, plan }| {
-                let row = flight::fly(&plan, Some(&Keep { log: &log }))
+                let firmware = options.crazyflie.as_deref().map(Crazyflie::start).transpose()?;
+                let firmware = firmware.map(|one| Box::new(one) as Box<dyn Outside>);
+                let row = flight::fly_by(&plan, Some(&Keep { log: &log }), firmware)
                     .with_context(|| log.display().to_string())?;
                 if !options.json {
                     progress.print(&line(&log, &row)).map_err(Unwritten)?;
@@ -174,6 +182,9 @@ fn base(options: &Options) -> Result<Base> {
         ..CampaignFile::default()
     };
     let mut base = Base::read(&file, Path::new(""))?;
+    if options.crazyflie.is_some() {
+        draw::set(&mut base.scenario, "board.firmware", Value::from("crazyflie"))?;
+    }
     for text in &options.effect {
         let (spec, values) = library::asked(text).map_err(|why| anyhow!("--effect {why}"))?;
         let Some(values) = values else {

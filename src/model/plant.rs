@@ -7,7 +7,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::board::crazyflie::ANCHORS;
-use crate::board::{Board, BoardRequests, BoardSettings, Readings, SlowLine};
+use crate::board::{Board, BoardRequests, BoardSettings, Outside, Readings, SlowLine};
 use crate::body::Body;
 use crate::effects::{
     ATTITUDE_PERIOD_S, AttitudeError, Bank, CLOCK_PERIOD_S, Cargo, Delivery, EffectSet, ImuReading,
@@ -322,6 +322,11 @@ impl Plant {
     /// effects of the own board act no more.
     pub fn steer(&mut self, command: ActuatorCommand) {
         self.steered = Some(command);
+    }
+
+    /// From now on a Crazyflie's firmware in another program is the board. Refused where the board plays none.
+    pub fn fly_by(&mut self, firmware: Box<dyn Outside>) -> Result<(), Problems> {
+        self.board.be(firmware)
     }
 
     /// What an inertial sensor read last, 250 times a second: with the effects and faults of this flight.

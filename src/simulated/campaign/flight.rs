@@ -15,6 +15,7 @@ use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 use haltere_dialect::mav::haltere::MavMessage;
 use haltere_log::written;
+use haltere_model::board::Outside;
 use haltere_model::lockstep::{Ground, HOST_START_US, Lockstep, STEP_US, make_ready, start};
 use haltere_model::{Plant, Truth};
 use haltere_pilot::Mode;
@@ -64,8 +65,20 @@ struct Waiting {
 
 /// Flies it. An error is something that no flight should come to: a plan that cannot be built.
 pub fn fly(plan: &Plan, keep: Option<&Keep<'_>>) -> Result<Row> {
-    let plant = Plant::new(plan.scenario.plant(plan.vehicle.clone())?)
+    fly_by(plan, keep, None)
+}
+
+/// The same; where there is one, a Crazyflie's firmware in another program is the board.
+pub fn fly_by(
+    plan: &Plan,
+    keep: Option<&Keep<'_>>,
+    firmware: Option<Box<dyn Outside>>,
+) -> Result<Row> {
+    let mut plant = Plant::new(plan.scenario.plant(plan.vehicle.clone())?)
         .map_err(|problems| anyhow!("{problems}"))?;
+    if let Some(firmware) = firmware {
+        plant.fly_by(firmware).map_err(|problems| anyhow!("{problems}"))?;
+    }
     let survey = plan.scenario.told_survey()?;
     let mut kept = keep.map(|keep| Kept::begin(keep, plan, &survey)).transpose()?;
     let listener = kept.as_ref().map(|kept| kept.tape.listener());
