@@ -254,6 +254,11 @@ impl Board {
         self.error.north_rad
     }
 
+    /// Outputs m1 to m4 of a firmware in another program, 0 to 1.
+    pub(crate) fn outputs_frac(&self) -> [f64; 4] {
+        self.outside.as_ref().map_or([0.0; 4], Outer::outputs_frac)
+    }
+
     /// What it last told the actuators.
     pub fn output(&self) -> &ActuatorCommand {
         &self.output
