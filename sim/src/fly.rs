@@ -24,7 +24,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use toml::Value;
 
-use crate::firmware::Crazyflie;
+use crate::firmware::{Crazyflie, FIRMWARE_YAW_DEG};
 use crate::leavings;
 
 /// Longest flight, s: a pack is empty before.
@@ -115,7 +115,9 @@ pub fn run(options: &Options) -> Result<bool> {
     let flown: Vec<Flown> = pool.install(|| {
         due.into_par_iter()
             .map(|Due { log, mission, plan }| {
-                let firmware = options.crazyflie.as_deref().map(Crazyflie::start).transpose()?;
+                let firmware = options.crazyflie.as_deref();
+                let firmware =
+                    firmware.map(|one| Crazyflie::start(one, rotors.is_none())).transpose()?;
                 let firmware = firmware
                     .map(|program| Firmware { program: Box::new(program), rotors: rotors.clone() });
                 let row = flight::fly_by(&plan, Some(&Keep { log: &log }), firmware)
@@ -203,6 +205,7 @@ fn base(options: &Options, rotors: Option<&Rotorcraft>) -> Result<Base> {
     }
     if options.crazyflie.is_some() {
         draw::set(&mut base.scenario, "board.firmware", Value::from("crazyflie"))?;
+        draw::set(&mut base.scenario, "start.yaw_deg", Value::Float(FIRMWARE_YAW_DEG))?;
     }
     for text in &options.effect {
         let (spec, values) = library::asked(text).map_err(|why| anyhow!("--effect {why}"))?;

@@ -13,7 +13,10 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, Result, bail};
 use haltere::rig::Process;
 use haltere_core::frames::G_MPS2;
-use haltere_dialect::crtp::packet::MAX_PACKET;
+use haltere_dialect::crtp::packet::{MAX_PACKET, Packet};
+use haltere_dialect::crtp::parameter::{ParameterAnswer, ParameterRequest};
+use haltere_dialect::crtp::value::{Kind, Value};
+use haltere_dialect::crtp::{FromBoard, ToBoard};
 use haltere_dialect::lps::RX_BITS;
 use haltere_dialect::lps::tdoa2::Tdoa2Packet;
 use haltere_model::board::Outside;
@@ -45,6 +48,16 @@ const CONTROL: u16 = 0xDC41;
 const NETWORK: u16 = 0xBCCF;
 const ADDRESS: u64 = 0xBCCF_0000_0000_0000;
 const TO_ALL: u8 = 0xFF;
+/// Its own filter takes it that the vehicle was switched on looking along the anchors' x axis: east, degrees from north.
+pub const FIRMWARE_YAW_DEG: f64 = 90.0;
+/// Gains with which it flies the simulated wings.
+const GAINS: &str = include_str!("crazyflie.parm");
+/// Its milliseconds until it answers, and within which it has answered.
+const START_TICKS: u32 = 400;
+const ANSWER_TICKS: u32 = 20;
+/// Meanwhile it stands at sea level on a full pack.
+const STILL_PA: f64 = 101_325.0;
+const STILL_V: f64 = 8.2;
 /// It has started, and has run a millisecond, within these times of the wall.
 const START: Duration = Duration::from_secs(5);
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -66,8 +79,9 @@ pub struct Crazyflie {
 }
 
 impl Crazyflie {
-    /// Starts a program and waits for its greeting.
-    pub fn start(program: &Path) -> Result<Self> {
+    /// Starts a program, waits for its greeting, and lets it come up on a still floor; on wings it is given the gains of
+    /// `crazyflie.parm`.
+    pub fn start(program: &Path, on_wings: bool) -> Result<Self> {
         let told = || format!("firmware {}", program.display());
         let socket = UdpSocket::bind("127.0.0.1:0").context("no free UDP port")?;
         socket.set_read_timeout(Some(START)).context("the firmware's socket")?;
@@ -88,7 +102,39 @@ impl Crazyflie {
             bail!("{}: greets with {:02x?}, not with {HELLO:02x}", told(), first.get(..n));
         }
         socket.send_to(&[HELLO], to).with_context(told)?;
-        Ok(Self::greeted(socket, program, to))
+        let mut board = Self::greeted(socket, program, to);
+        board.come_up(if on_wings { GAINS } else { "" }).with_context(told)?;
+        Ok(board)
+    }
+
+    /// Its first milliseconds, in which it is told gains: a name and a value a line.
+    fn come_up(&mut self, gains: &str) -> Result<()> {
+        let imu = ImuReading {
+            acc_B_mps2: Vector3::new(0.0, 0.0, -G_MPS2),
+            rate_B_radps: Vector3::zeros(),
+            pressure_pa: STILL_PA,
+        };
+        let mut said = Vec::new();
+        for _ in 0..START_TICKS {
+            self.tick(&imu, STILL_V, &mut said)?;
+        }
+        for line in gains.lines().filter(|line| !line.starts_with('#')) {
+            let asked = line.split_once(' ').and_then(|(name, value)| {
+                let (group, name) = name.split_once('.')?;
+                let value = Value::Float(value.parse().ok()?);
+                Some(ParameterRequest::SetByName { group, name, kind: Kind::F32, value })
+            });
+            let asked = asked.and_then(|asked| ToBoard::Parameter(asked).encode());
+            self.item(&[asked.context("crazyflie.parm")?.bytes()]);
+            said.clear();
+            for _ in 0..ANSWER_TICKS {
+                self.tick(&imu, STILL_V, &mut said)?;
+            }
+            if !has_done(&said) {
+                bail!("it did not take {line}");
+            }
+        }
+        Ok(())
     }
 
     fn greeted(socket: UdpSocket, program: Process, to: SocketAddr) -> Self {
@@ -172,6 +218,14 @@ impl Crazyflie {
     }
 }
 
+/// Whether among these packets is the answer that a parameter was set.
+fn has_done(said: &[u8]) -> bool {
+    haltere::live::apart(said).filter_map(|packet| Packet::read(packet).ok()).any(|packet| {
+        let done = FromBoard::decode(&packet);
+        matches!(done, Ok(FromBoard::Parameter(ParameterAnswer::SetByName { outcome: Ok(()), .. })))
+    })
+}
+
 /// Counts of a sensor, body axes forward, right, down as it has them, forward, left, up.
 fn counts(v: Vector3<f64>) -> [u8; 6] {
     let all = [v.x, -v.y, -v.z].map(|v| (v.round() as i16).to_le_bytes());
@@ -240,5 +294,89 @@ impl Outside for Crazyflie {
             }
         }
         self.outputs_frac
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::process::Command;
+
+    use super::*;
+
+    /// Items of a datagram.
+    fn items(datagram: &[u8]) -> Vec<Vec<u8>> {
+        let (first, mut rest) = datagram.split_first().unwrap();
+        assert_eq!(*first, TICK);
+        let mut all = Vec::new();
+        while let Some((len, later)) = rest.split_first() {
+            let (item, later) = later.split_at(usize::from(*len));
+            all.push(item.to_vec());
+            rest = later;
+        }
+        all
+    }
+
+    /// Says back what its client said, and lets its motors turn by its own number.
+    fn plays(socket: &UdpSocket, ticks: u32) -> Vec<Vec<u8>> {
+        let mut heard = Vec::new();
+        let mut datagram = [0; 4096];
+        for tick in 1..=ticks {
+            let n = socket.recv(&mut datagram).unwrap();
+            for item in items(&datagram[..n]) {
+                if item[0] >> 4 != SIM >> 4 {
+                    socket.send(&item).unwrap();
+                }
+                heard.push(item);
+            }
+            let motors = [tick as u16, 0, 0, u16::MAX].map(u16::to_le_bytes);
+            socket.send(&[&[SIM][..], motors.as_flattened()].concat()).unwrap();
+            socket.send(&[&[DONE][..], &tick.to_le_bytes()].concat()).unwrap();
+        }
+        heard
+    }
+
+    #[test]
+    fn prop_a_step_is_two_of_its_milliseconds_and_nothing_is_lost_on_the_way() {
+        let (ours, its) =
+            (UdpSocket::bind("127.0.0.1:0").unwrap(), UdpSocket::bind("127.0.0.1:0").unwrap());
+        its.connect(ours.local_addr().unwrap()).unwrap();
+        for socket in [&ours, &its] {
+            socket.set_read_timeout(Some(START)).unwrap();
+        }
+        let to = its.local_addr().unwrap();
+        let firmware = std::thread::spawn(move || plays(&its, 2));
+        let process = Process(Command::new("true").spawn().unwrap());
+        let mut board = Crazyflie::greeted(ours, process, to);
+        // Cut anywhere; what claims to be of the simulator is not passed on.
+        for bytes in [&[2, 0x3C][..], &[7, 2], &[SIM, 0, 1, 0xFF]] {
+            board.receive(bytes);
+        }
+        let mut payload = Vec::new();
+        Tdoa2Packet { counters: [9; 8], ..Tdoa2Packet::default() }.encode(&mut payload);
+        let heard =
+            Reception { rx_ticks: (1 << RX_BITS) + 5, path_m: 1.0, source: 3, payload: &payload };
+        Outside::hear(&mut board, &heard, Some([1.0, 2.0, 3.0]));
+        let imu = ImuReading {
+            acc_B_mps2: Vector3::new(0.0, 0.0, -G_MPS2),
+            rate_B_radps: Vector3::new(0.1, 0.0, 0.0),
+            pressure_pa: 101_325.0,
+        };
+        let mut out = Vec::new();
+        let outputs = board.step(&imu, 7.4, &mut out);
+        assert_eq!(out, [2, 0x3C, 7, 1, 0xFF]);
+        assert_eq!(outputs, [2.0 / 65_535.0, 0.0, 0.0, 1.0]);
+        let told = firmware.join().unwrap();
+        let of = |kind: u8| {
+            told.iter().filter(|item| item[..] != [kind] && item[..2] == [SIM, kind]).count()
+        };
+        assert_eq!([of(IMU), of(BARO), of(CELL_VOLT), of(CHIP_DEAD)], [2, 1, 1, 1]);
+        // 1 g is 2048 counts, up; 0.1 rad/s 94, right side down.
+        let first = told.iter().find(|item| item[..2] == [SIM, IMU]).unwrap();
+        assert_eq!(first[2..], [0, 0, 0, 0, 0, 8, 94, 0, 0, 0, 0, 0]);
+        let frame = told.iter().find(|item| item[0] == FRAME).unwrap();
+        assert_eq!(
+            (&frame[1..6], frame[8], frame.len()),
+            (&[5, 0, 0, 0, 0][..], 9, 6 + 21 + 57 + 14)
+        );
     }
 }

@@ -11,7 +11,7 @@ use haltere::rig::firmware::Interface;
 use haltere_core::frames::{E, Vec3};
 use haltere_model::{Plant, Vehicle};
 
-pub use crtp::Crazyflie;
+pub use crtp::{Crazyflie, FIRMWARE_YAW_DEG};
 use hil::Hil;
 use json::Json;
 use mixer::{Demand, Mixer};

@@ -2,17 +2,19 @@
 //! time passes with the plant's alone.
 
 use haltere_core::checks::Problems;
+use haltere_dialect::crtp::ToBoard;
+use haltere_dialect::crtp::supervisor::SupervisorRequest;
 
 use crate::board::Board;
 use crate::board::crazyflie::ANCHORS;
-use crate::effects::ImuReading;
+use crate::effects::{ImuReading, STEP_S};
 use crate::faults::CrazyflieFault;
 use crate::tag::Reception;
 use crate::wings::ActuatorCommand;
 
 /// Share of the pitch servo's stroke that the Flapper's mixer uses (`pitch_ampl`, power_distribution_flapper.c): with it
 /// the wings are at the end of their travel.
-const PITCH_STROKE_FRAC: f64 = 0.4;
+pub(super) const PITCH_STROKE_FRAC: f64 = 0.4;
 /// A motor that is told less than this stands.
 const STANDS_FRAC: f64 = 0.01;
 
@@ -34,6 +36,8 @@ pub(super) struct Outer {
     anchors_m: [Option<[f32; 3]>; ANCHORS],
     outputs_frac: [f64; 4],
     wrecked: bool,
+    /// Steps in which nothing passes between it and its client.
+    silent_steps: u64,
 }
 
 impl Outer {
@@ -49,7 +53,9 @@ impl Outer {
     }
 
     pub fn receive(&mut self, bytes: &[u8]) {
-        self.program.receive(bytes);
+        if self.silent_steps == 0 {
+            self.program.receive(bytes);
+        }
     }
 
     pub fn hear(&mut self, r: &Reception<'_>) {
@@ -58,13 +64,34 @@ impl Outer {
     }
 
     pub fn step(&mut self, imu: &ImuReading, volt: f64, out: &mut Vec<u8>) {
+        let before = out.len();
         self.outputs_frac = self.program.step(imu, volt, out);
+        if self.silent_steps > 0 {
+            self.silent_steps -= 1;
+            out.truncate(before);
+        }
     }
 
     /// Breaks or mends it. `false`: this cannot be done from outside.
     pub fn inject(&mut self, fault: &CrazyflieFault) -> bool {
-        let CrazyflieFault::ChipDead(dead) = fault else { return false };
-        self.program.chip(*dead);
+        let order = match fault {
+            CrazyflieFault::ChipDead(dead) => {
+                self.program.chip(*dead);
+                None
+            }
+            CrazyflieFault::Fade { for_s } => {
+                self.silent_steps = (for_s / STEP_S) as u64;
+                None
+            }
+            CrazyflieFault::Disarm => Some(SupervisorRequest::Arm(false)),
+            CrazyflieFault::Lock => Some(SupervisorRequest::EmergencyStop),
+            _ => return false,
+        };
+        // As another client would.
+        if let Some(packet) = order.and_then(|order| ToBoard::Supervisor(order).encode()) {
+            self.program.receive(&[packet.bytes().len() as u8]);
+            self.program.receive(packet.bytes());
+        }
         true
     }
 
@@ -99,7 +126,8 @@ impl Board {
         };
         let anchors_m = played.anchors_m();
         let outputs_frac = [0.5, 0.0, 0.5, 0.0];
-        self.outside = Some(Outer { program, anchors_m, outputs_frac, wrecked: false });
+        self.outside =
+            Some(Outer { program, anchors_m, outputs_frac, wrecked: false, silent_steps: 0 });
         Ok(())
     }
 }
