@@ -26,7 +26,7 @@ use rustix::time::{ClockId, Timespec, clock_gettime};
 use serde_json::json;
 
 use crate::board_wire::BoardWire;
-use crate::firmware::InnerLoop;
+use crate::firmware::{Crazyflie, FIRMWARE_YAW_DEG, InnerLoop};
 use crate::lateness::Lateness;
 use crate::orders::{self, Next, Order, Orders};
 use crate::packet_wire::PacketWire;
@@ -68,6 +68,10 @@ pub struct Options {
     /// The same for PX4: it takes its sensors from this TCP port of the loopback.
     #[arg(long, value_name = "PORT", conflicts_with_all = ["board", "json_physics"])]
     pub hil_physics: Option<u16>,
+    /// A Crazyflie's firmware that you have built for the host, with a clock that is driven, as the board: as with `--board
+    /// crazyflie` (docs/CRAZYFLIE.md).
+    #[arg(long, value_name = "PROGRAM", conflicts_with_all = ["board", "json_physics", "hil_physics"])]
+    pub crazyflie: Option<PathBuf>,
     /// File for truth, 100 lines a second.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
@@ -124,11 +128,17 @@ pub fn serve(options: &Options) -> Result<bool> {
     let mut scenario = Scenario::load(options.scenario.as_deref())?;
     scenario.seed = options.seed.unwrap_or(scenario.seed);
     scenario.tag.protocol = options.tag_protocol.unwrap_or(scenario.tag.protocol);
-    if options.board == Some(BoardAt::Crazyflie) {
+    if options.crazyflie.is_some() {
+        scenario.start.yaw_deg = FIRMWARE_YAW_DEG;
+    }
+    if options.crazyflie.is_some() || options.board == Some(BoardAt::Crazyflie) {
         scenario.board.firmware = Firmware::Crazyflie;
     }
     let faults = scenario.fixed_faults()?;
     let mut plant = plant(options.vehicle.as_deref(), &scenario)?;
+    if let Some(program) = &options.crazyflie {
+        plant.fly_by(Box::new(Crazyflie::start(program, true)?), None)?;
+    }
     let mut tag = TagPty::new(options.tag_link.as_deref())?;
     let interface =
         (options.json_physics.map(Interface::Json)).or(options.hil_physics.map(Interface::Hil));

@@ -10,18 +10,21 @@ use haltere::named_missions::{self, Place, SHAPE_HEIGHT_M, SHAPE_SPEED_MPS, SHAP
 use haltere::progress::Progress;
 use haltere::simulated::campaign::draw;
 use haltere::simulated::campaign::file::{Base, CampaignFile};
-use haltere::simulated::campaign::flight::{self, Keep, TRUTH};
+use haltere::simulated::campaign::flight::{self, Firmware, Keep, TRUTH};
 use haltere::simulated::campaign::plan::Plan;
 use haltere::simulated::campaign::row::{Outcome, Row};
+use haltere::vehicles;
 use haltere_gap::bank::library;
 use haltere_gap::scene::Scene;
 use haltere_log::written;
+use haltere_model::rotorcraft::Rotorcraft;
 use haltere_pilot::Envelope;
 use haltere_pilot::mission_file::{Command, Item, MissionFile};
 use rayon::prelude::*;
 use serde::Serialize;
 use toml::Value;
 
+use crate::firmware::{Crazyflie, FIRMWARE_YAW_DEG};
 use crate::leavings;
 
 /// Longest flight, s: a pack is empty before.
@@ -49,9 +52,13 @@ pub struct Options {
     /// scenario`). Without it the vehicle stands in the middle of a 10 × 10 × 7 m hall.
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
-    /// Vehicle file, or the name of a built-in one; without it the Flapper.
+    /// Vehicle file, or the name of a built-in one; without it the Flapper. With --crazyflie a quadrotor too.
     #[arg(long, value_name = "FILE")]
     vehicle: Option<PathBuf>,
+    /// A Crazyflie's firmware that you have built for the host, with a clock that is driven, in the place of the simulated
+    /// board (docs/CRAZYFLIE.md).
+    #[arg(long, value_name = "PROGRAM")]
+    crazyflie: Option<PathBuf>,
     /// Configuration of the companion; may be given several times. The anchors are the scenario's.
     #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
@@ -99,7 +106,8 @@ pub fn run(options: &Options) -> Result<bool> {
     if !(1..=MOST).contains(&options.count) {
         bail!("--count {}: allowed 1 to {MOST}", options.count);
     }
-    let due = due(options)?;
+    let rotors = rotors(options)?;
+    let due = due(options, rotors.as_ref())?;
     leavings::say_before(due.len(), leavings::DECODED_LOG_B, &options.out);
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     let progress = Progress::counted("flights", 0, due.len() as u64);
@@ -107,7 +115,12 @@ pub fn run(options: &Options) -> Result<bool> {
     let flown: Vec<Flown> = pool.install(|| {
         due.into_par_iter()
             .map(|Due { log, mission, plan }| {
-                let row = flight::fly(&plan, Some(&Keep { log: &log }))
+                let firmware = options.crazyflie.as_deref();
+                let firmware =
+                    firmware.map(|one| Crazyflie::start(one, rotors.is_none())).transpose()?;
+                let firmware = firmware
+                    .map(|program| Firmware { program: Box::new(program), rotors: rotors.clone() });
+                let row = flight::fly_by(&plan, Some(&Keep { log: &log }), firmware)
                     .with_context(|| log.display().to_string())?;
                 if !options.json {
                     progress.print(&line(&log, &row)).map_err(Unwritten)?;
@@ -132,9 +145,22 @@ fn names() -> Vec<String> {
     named_missions::names().into_iter().chain(SHAPES.map(|(name, _)| name.to_owned())).collect()
 }
 
+/// The quadrotor that a firmware flies; `None`: it flies wings.
+fn rotors(options: &Options) -> Result<Option<Rotorcraft>> {
+    let Some(told) = &options.vehicle else { return Ok(None) };
+    match vehicles::rotorcraft_text(told) {
+        Some(_) if options.crazyflie.is_none() => bail!(
+            "--vehicle {}: a quadrotor flies by a firmware of its own alone: --crazyflie PROGRAM",
+            told.display()
+        ),
+        Some(_) => vehicles::rotorcraft(told).map(Some),
+        None => Ok(None),
+    }
+}
+
 /// Every flight; whatever cannot be flown is told before the first one.
-fn due(options: &Options) -> Result<Vec<Due>> {
-    let base = base(options)?;
+fn due(options: &Options, rotors: Option<&Rotorcraft>) -> Result<Vec<Due>> {
+    let base = base(options, rotors)?;
     let given = options.missions.iter().map(Path::new);
     let files = options.config.iter().chain(&options.scenario).chain(&options.vehicle);
     let inputs: Vec<&Path> = given.chain(files.map(|file| &**file)).collect();
@@ -165,15 +191,22 @@ fn due(options: &Options) -> Result<Vec<Due>> {
 }
 
 /// What all flights share.
-fn base(options: &Options) -> Result<Base> {
+fn base(options: &Options, rotors: Option<&Rotorcraft>) -> Result<Base> {
     let file = CampaignFile {
         scenario: options.scenario.clone(),
-        vehicle: options.vehicle.clone(),
+        vehicle: options.vehicle.clone().filter(|_| rotors.is_none()),
         config: options.config.clone(),
         set: options.set.clone(),
         ..CampaignFile::default()
     };
     let mut base = Base::read(&file, Path::new(""))?;
+    if let Some(rotors) = rotors {
+        base.vehicle = toml::to_string(&rotors.as_vehicle())?;
+    }
+    if options.crazyflie.is_some() {
+        draw::set(&mut base.scenario, "board.firmware", Value::from("crazyflie"))?;
+        draw::set(&mut base.scenario, "start.yaw_deg", Value::Float(FIRMWARE_YAW_DEG))?;
+    }
     for text in &options.effect {
         let (spec, values) = library::asked(text).map_err(|why| anyhow!("--effect {why}"))?;
         let Some(values) = values else {
@@ -271,7 +304,7 @@ mod tests {
     #[test]
     fn prop_every_name_is_a_mission_that_can_be_flown_in_the_hall() {
         for name in names() {
-            let due = due(&options(&[&name, "--count", "3", "--seed", "7"])).unwrap();
+            let due = due(&options(&[&name, "--count", "3", "--seed", "7"]), None).unwrap();
             assert!(due.iter().all(|flight| flight.plan.mission.items.len() > 2), "{name}");
             assert_eq!(due.iter().map(|flight| flight.plan.seed).collect::<Vec<_>>(), [7, 8, 9]);
         }

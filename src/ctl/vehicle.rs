@@ -201,6 +201,10 @@ fn item_of(current: u16, items: u16) -> String {
 /// Those that are in use, in their order.
 fn outputs(told: [u16; 8]) -> String {
     let used = told.iter().rposition(|told| *told != 0).map_or(0, |last| last + 1);
+    if used == 0 {
+        // Motors that stand: in which unit nobody knows.
+        return "0".to_owned();
+    }
     let shown: Vec<String> = told.iter().take(used).map(u16::to_string).collect();
     let unit = if are_pulses(&told) { "us" } else { "of 65535" };
     format!("{} {unit}", shown.join(", "))

@@ -40,7 +40,7 @@ pub mod usb;
 mod usb_device;
 
 pub use by_hand::ByHand;
-pub(crate) use names::apart;
+pub use names::apart;
 pub use stop::Stop;
 
 use std::path::PathBuf;

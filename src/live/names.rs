@@ -137,7 +137,7 @@ fn kept(folder: &Path, table: Table, asked: &Known) -> Result<Option<Known>, Pat
 }
 
 /// Each packet of a piece that the core sends.
-pub(crate) fn apart(mut bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
+pub fn apart(mut bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
     std::iter::from_fn(move || {
         let (len, rest) = bytes.split_first()?;
         let (packet, later) = rest.split_at_checked(usize::from(*len))?;

@@ -7,7 +7,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::board::crazyflie::ANCHORS;
-use crate::board::{Board, BoardRequests, BoardSettings, Readings, SlowLine};
+use crate::board::{Board, BoardRequests, BoardSettings, Outside, Readings, SlowLine};
 use crate::body::Body;
 use crate::effects::{
     ATTITUDE_PERIOD_S, AttitudeError, Bank, CLOCK_PERIOD_S, Cargo, Delivery, EffectSet, ImuReading,
@@ -17,6 +17,7 @@ use crate::faults::CrazyflieFault;
 use crate::line_noise::NoisyLine;
 use crate::magnetometer::Magnetometer;
 use crate::room::Room;
+use crate::rotorcraft::Rotorcraft;
 use crate::tag::{Anchors, Port, TagProtocol};
 use crate::truth::Truth;
 use crate::vehicle::Vehicle;
@@ -29,6 +30,8 @@ use haltere_core::survey::Survey;
 use broken::Broken;
 
 use contact::Contact;
+use rotors::Rotors;
+
 /// Length of a step, µs.
 pub const STEP_US: u64 = (STEP_S * 1e6) as u64;
 const ATTITUDE_STEPS: u64 = (ATTITUDE_PERIOD_S / STEP_S) as u64;
@@ -122,6 +125,8 @@ pub struct Plant {
     /// Too broken for motors to run.
     wrecked: bool,
     contact: Contact,
+    /// In the place of wings and servos, where the vehicle is a quadrotor.
+    rotors: Option<Rotors>,
     /// Bytes that were produced in this step.
     scratch: Vec<u8>,
     from_tag: NoisyLine,
@@ -216,6 +221,7 @@ impl Plant {
             crashed: false,
             wrecked: false,
             contact: Contact::new(&vehicle),
+            rotors: None,
             scratch: Vec::with_capacity(4096),
             from_tag: NoisyLine::new(seed, "fault-from-tag"),
             from_board: NoisyLine::new(seed, "fault-from-board"),
@@ -322,6 +328,17 @@ impl Plant {
     /// effects of the own board act no more.
     pub fn steer(&mut self, command: ActuatorCommand) {
         self.steered = Some(command);
+    }
+
+    /// From now on a Crazyflie's firmware in another program is the board: on wings, or on these rotors, of which the vehicle
+    /// is ([`Rotorcraft::as_vehicle`]). Refused where the board plays no Crazyflie.
+    pub fn fly_by(
+        &mut self,
+        firmware: Box<dyn Outside>,
+        rotors: Option<Rotorcraft>,
+    ) -> Result<(), Problems> {
+        self.rotors = rotors.map(Rotors::new);
+        self.board.be(firmware)
     }
 
     /// What an inertial sensor read last, 250 times a second: with the effects and faults of this flight.
@@ -447,6 +464,7 @@ mod contact;
 #[cfg(test)]
 mod deck_tests;
 mod flight;
+mod rotors;
 mod second_board;
 mod wires;
 

@@ -16,4 +16,4 @@ pub use configuration::Wiring;
 pub use endpoint::{EXIT_NOT_JUDGED, Endpoint};
 pub use output::Output;
 pub use pair::{Pair, Setup};
-pub use process::{Process, free_port, now_us};
+pub use process::{Process, free_port, now_us, told};

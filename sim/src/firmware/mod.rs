@@ -1,6 +1,7 @@
 //! A real firmware in software-in-the-loop flies the simulated vehicle: the plant is its physics, and the
-//! companion meets it, not the simulated board.
+//! companion meets it, not the simulated board. A Crazyflie's is stepped by the plant (`crtp`), the others keep their own time.
 
+mod crtp;
 mod hil;
 mod json;
 mod mixer;
@@ -10,6 +11,7 @@ use haltere::rig::firmware::Interface;
 use haltere_core::frames::{E, Vec3};
 use haltere_model::{Plant, Vehicle};
 
+pub use crtp::{Crazyflie, FIRMWARE_YAW_DEG};
 use hil::Hil;
 use json::Json;
 use mixer::{Demand, Mixer};

@@ -148,6 +148,11 @@ impl Loops {
 }
 
 impl Loops {
+    /// Travel of dihedral and yaw servo to either side, rad.
+    pub fn limits_rad(&self) -> [f64; 2] {
+        [self.dihedral_limit_rad, self.yaw_limit_rad]
+    }
+
     /// Dihedral and yaw servo as shares of their travel.
     pub fn travel(&self, c: &ActuatorCommand) -> [f64; 2] {
         [c.dihedral_rad / self.dihedral_limit_rad, c.yaw_servo_rad / self.yaw_limit_rad]

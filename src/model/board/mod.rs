@@ -10,6 +10,7 @@ mod last_second;
 mod lies;
 mod line;
 mod loops;
+mod outside;
 mod parameters;
 mod persona;
 mod px4;
@@ -19,6 +20,7 @@ mod ways;
 pub use firmware::{Firmware, Manners, Overrides};
 pub use line::SlowLine;
 pub use loops::Loops;
+pub use outside::Outside;
 
 use haltere_dialect::mav::haltere::MavMessage;
 use haltere_dialect::mav_stream::MavSplitter;
@@ -35,6 +37,7 @@ use haltere_core::checks::Problems;
 
 use crazyflie::{Crazyflie, CrazyflieSettings};
 use last_second::LastSecond;
+use outside::Outer;
 use parameters::Parameters;
 use persona::Persona;
 
@@ -171,6 +174,8 @@ pub struct Board {
     persona: Persona,
     /// Its whole wire, where it plays one.
     crazyflie: Option<Box<Crazyflie>>,
+    /// Another program in its place.
+    outside: Option<Outer>,
     parameters: Parameters,
     /// What it has to say at the next opportunity.
     says: Vec<MavMessage>,
@@ -192,6 +197,7 @@ impl Board {
         let mut board = Self {
             persona: Persona::new(&settings, &parameters),
             crazyflie: None,
+            outside: None,
             parameters,
             says: Vec::new(),
             told: Setpoint { q: UnitQuaternion::identity(), thrust_frac: 0.0 },
@@ -224,7 +230,7 @@ impl Board {
 
     /// Whether motors may run.
     pub fn armed(&self) -> bool {
-        self.armed
+        self.outside.as_ref().map_or(self.armed, Outer::lifts)
     }
 
     /// What it was built with.
@@ -234,6 +240,9 @@ impl Board {
 
     /// Cuts the motors: the airframe is broken.
     pub fn crash(&mut self) {
+        if let Some(outer) = &mut self.outside {
+            outer.wreck();
+        }
         if let Some(crazyflie) = &mut self.crazyflie {
             crazyflie.crash();
         }
@@ -243,6 +252,11 @@ impl Board {
     /// Angle from room north to its own north, rad.
     pub fn north_rad(&self) -> f64 {
         self.error.north_rad
+    }
+
+    /// Outputs m1 to m4 of a firmware in another program, 0 to 1.
+    pub(crate) fn outputs_frac(&self) -> [f64; 4] {
+        self.outside.as_ref().map_or([0.0; 4], Outer::outputs_frac)
     }
 
     /// What it last told the actuators.
@@ -292,6 +306,10 @@ impl Board {
     /// One turn of the inner loops: what the actuators are told.
     #[inline]
     pub fn control(&mut self, s: &State, bank: &mut Bank) -> ActuatorCommand {
+        if let Some(outer) = &self.outside {
+            self.output = outer.wings(self.loops.limits_rad());
+            return self.output;
+        }
         self.believed = self.north * s.q_EB * self.lean;
         let target = match self.persona {
             // What it asked for when it last looked.

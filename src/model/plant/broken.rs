@@ -121,7 +121,9 @@ impl Plant {
                 }
             }
             Fault::Crazyflie(fault) if self.board.inject(self.t_us(), &fault) => {}
-            Fault::Crazyflie(_) => problems.say("fault: the board is no Crazyflie"),
+            Fault::Crazyflie(_) => {
+                problems.say("fault: the board is no Crazyflie, or one that another program plays")
+            }
             Fault::SecondBoard(Some(_)) if self.board.has_deck() => {
                 problems.say("fault: a second board speaks MAVLink, this one is a Crazyflie");
             }

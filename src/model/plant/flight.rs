@@ -36,6 +36,11 @@ impl Plant {
         }
         s.air_B_mps = s.R_EB.tr_mul(&(s.vel_E_mps - self.wind_E_mps));
 
+        if let Some(rotors) = &mut self.rotors {
+            let wrench = rotors.step(self.board.outputs_frac(), &s.air_B_mps);
+            s.thrust_n = [0.5 * rotors.lift_n(); 2];
+            return self.move_body(wrench);
+        }
         let mut command = match self.steered {
             Some(command) => command,
             None => self.board.control(s, bank),

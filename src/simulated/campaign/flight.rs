@@ -15,7 +15,9 @@ use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 use haltere_dialect::mav::haltere::MavMessage;
 use haltere_log::written;
+use haltere_model::board::Outside;
 use haltere_model::lockstep::{Ground, HOST_START_US, Lockstep, STEP_US, make_ready, start};
+use haltere_model::rotorcraft::Rotorcraft;
 use haltere_model::{Plant, Truth};
 use haltere_pilot::Mode;
 use haltere_pilot::mission_file::{Command as ItemCommand, Item};
@@ -62,10 +64,26 @@ struct Waiting {
     mishap: Mishap,
 }
 
+/// A Crazyflie's firmware in another program.
+pub struct Firmware {
+    /// It.
+    pub program: Box<dyn Outside>,
+    /// On what it flies; `None`: on wings.
+    pub rotors: Option<Rotorcraft>,
+}
+
 /// Flies it. An error is something that no flight should come to: a plan that cannot be built.
 pub fn fly(plan: &Plan, keep: Option<&Keep<'_>>) -> Result<Row> {
-    let plant = Plant::new(plan.scenario.plant(plan.vehicle.clone())?)
+    fly_by(plan, keep, None)
+}
+
+/// The same; where there is one, such a firmware is the board.
+pub fn fly_by(plan: &Plan, keep: Option<&Keep<'_>>, firmware: Option<Firmware>) -> Result<Row> {
+    let mut plant = Plant::new(plan.scenario.plant(plan.vehicle.clone())?)
         .map_err(|problems| anyhow!("{problems}"))?;
+    if let Some(Firmware { program, rotors }) = firmware {
+        plant.fly_by(program, rotors).map_err(|problems| anyhow!("{problems}"))?;
+    }
     let survey = plan.scenario.told_survey()?;
     let mut kept = keep.map(|keep| Kept::begin(keep, plan, &survey)).transpose()?;
     let listener = kept.as_ref().map(|kept| kept.tape.listener());

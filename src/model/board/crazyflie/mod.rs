@@ -121,6 +121,11 @@ impl Crazyflie {
         self.now_us.saturating_sub(self.started_us)
     }
 
+    /// Where its anchors say that they stand.
+    pub(super) fn anchors_m(&self) -> [Option<[f32; 3]>; ANCHORS] {
+        self.loco.positions_m
+    }
+
     /// Whether motors may run.
     pub fn armed(&self) -> bool {
         self.supervisor.is_armed() && self.supervisor.can_fly()

@@ -12,6 +12,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::Crazyflie;
 use super::table::VARIABLES;
+use crate::board::outside::PITCH_STROKE_FRAC;
 use crate::effects::ImuReading;
 use crate::wings::ActuatorCommand;
 
@@ -72,11 +73,12 @@ impl Sensed {
             pitch_deg: pitch.to_degrees(),
             yaw_deg: 90.0 - yaw.to_degrees(),
             volt,
-            // Pitch servo, left motor, yaw servo, right motor: the Flapper of revision D.
+            // Pitch servo, left motor, yaw servo, right motor: the Flapper of revision D. More is nose up, and of the yaw
+            // servo nose left.
             outputs: [
-                share_of(0.5 + 0.5 * dihedral),
+                share_of(0.5 + 0.5 * PITCH_STROKE_FRAC * dihedral),
                 share_of(left),
-                share_of(0.5 + 0.5 * servo),
+                share_of(0.5 - 0.5 * servo),
                 share_of(right),
             ],
         }

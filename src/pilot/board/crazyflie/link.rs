@@ -236,7 +236,8 @@ impl Crazyflie {
             }
             let line = String::from_utf8_lossy(&self.line).trim().to_owned();
             self.line.clear();
-            let lower = line.to_ascii_lowercase();
+            // A count of the radio is no failure: `TDoA2 (rx=472 timeout=0 failed=0)` is all well.
+            let lower = line.to_ascii_lowercase().replace("failed=", "");
             if ["error", "fail", "locked", "assert"].iter().any(|word| lower.contains(word)) {
                 told.push(Told::Text { severity: 4, text: line });
             }
@@ -445,6 +446,22 @@ mod tests {
             "{requests:?}"
         );
         assert_eq!(told, []);
+    }
+
+    #[test]
+    fn val_what_its_console_says_of_failures_is_passed_on_and_counts_are_not() {
+        let (mut board, mut told) = (Crazyflie::default(), Vec::new());
+        // As 2026.08 says it, in packets that end anywhere.
+        for text in [
+            "DWM: Automatic mode: detected TDoA2 (rx=472 time",
+            "out=0 failed=0)\nSTORAGE: Storage check [FAIL].\nSUP: Lo",
+            "cked, reboot required\nSYS: Self test passed!\n",
+        ] {
+            board.console(text.as_bytes(), &mut told);
+        }
+        let warned = |text: &str| Told::Text { severity: 4, text: text.to_owned() };
+        let [storage, locked] = ["STORAGE: Storage check [FAIL].", "SUP: Locked, reboot required"];
+        assert_eq!(told, [warned(storage), warned(locked)]);
     }
 
     proptest! {
