@@ -38,6 +38,9 @@ pub struct Hover {
     pub by_height: bool,
     /// Whether what flew fast was left out.
     pub by_speed: bool,
+    /// Acceleration forward, left and up, g. What hovers has none, so this is the offset of the board's accelerometer: a mark of
+    /// the board, which no propeller and no load moves.
+    pub offset_g: [Option<f64>; 3],
 }
 
 impl Hover {
@@ -73,6 +76,9 @@ impl Hover {
             hover_s: within.len() as f64 * PIECE_S,
             by_height,
             by_speed,
+            offset_g: [0, 1, 2].map(|axis| {
+                Some(middle(&|piece| piece.accel_g[axis])).filter(|offset| offset.is_finite())
+            }),
         })
     }
 }
@@ -84,6 +90,8 @@ struct Piece {
     shake: f64,
     /// Not a number where none was logged.
     height_m: f64,
+    /// The same.
+    accel_g: [f64; 3],
 }
 
 fn pieces(
@@ -108,6 +116,9 @@ fn pieces(
             let shares: Vec<Vector4<f64>> =
                 rows.iter().map(|row| to_balance * thrusts(row, vehicle).map(f64::ln)).collect();
             let mean = rows.iter().map(|row| thrusts(row, vehicle)).sum::<Vector4<f64>>() / n;
+            let middle = |of: &dyn Fn(&MotorRow) -> Option<f64>| {
+                rows.iter().map(|row| of(row).unwrap_or(f64::NAN)).sum::<f64>() / n
+            };
             let bends = shares.windows(3).map(|of| {
                 let bend = of[0] - 2.0 * of[1] + of[2];
                 bend[1].powi(2) + bend[2].powi(2)
@@ -115,7 +126,8 @@ fn pieces(
             Piece {
                 balance: to_balance * mean.map(f64::ln),
                 shake: bends.sum::<f64>() / (n - 2.0),
-                height_m: rows.iter().map(|row| row.height_m.unwrap_or(f64::NAN)).sum::<f64>() / n,
+                height_m: middle(&|row| row.height_m),
+                accel_g: [0, 1, 2].map(|axis| middle(&|row| row.accel_g[axis])),
             }
         })
         .collect()

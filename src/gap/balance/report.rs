@@ -43,8 +43,12 @@ pub struct Report {
     pub balance: Vec<AxisChange>,
     /// How many times as much the controller works from row to row.
     pub shaking: Option<f64>,
+    /// How far the offsets of the accelerometer lie from those of the references, forward, left, up, g.
+    pub accelerometer_g: [Option<f64>; 3],
     /// Probability that nothing has changed.
     pub nothing: f64,
+    /// Probability that this is another vehicle.
+    pub another_vehicle: f64,
     /// Causes, most probable first; of a weak motor the sizes are losses of 1, of a load kg.
     pub candidates: Vec<Named>,
     /// What was not looked at, and why.
@@ -155,7 +159,9 @@ impl<'a> Judge<'a> {
             verdict: String::new(),
             balance: balance.collect(),
             shaking: change.shake.map(f64::exp),
+            accelerometer_g: change.offset_g,
             nothing: weighed.nothing,
+            another_vehicle: weighed.another,
             candidates,
             not_checked: not_checked(flight, &change),
             held_out,
@@ -171,7 +177,8 @@ impl<'a> Judge<'a> {
         }
         let set = set(weighed);
         let explained: f64 = set.iter().map(|candidate| candidate.probability).sum();
-        if weighed.something_else > ODDS * explained {
+        // Another vehicle is in the list as a fault is; what is in no list has to be clearly ahead.
+        if weighed.another > explained || weighed.something_else > ODDS * explained {
             let sigma = self.healthy.sigma();
             let mut far: Vec<(String, f64)> = (0..MOTORS)
                 .map(|axis| (AXES[axis].to_owned(), change.balance[axis] / sigma[axis]))
@@ -203,7 +210,7 @@ impl<'a> Judge<'a> {
     /// The smallest sizes at which a flight without any noise is called a gap.
     fn can_show(&self) -> Vec<Smallest> {
         let is_gap = |balance: Vector4<f64>, shake: f64| {
-            let change = Change { balance, shake: Some(shake) };
+            let change = self.healthy.changed_by(balance, shake);
             self.rivals.weigh(&change, &self.healthy).nothing < NO_GAP
         };
         let of_motor = |kind: Kind, unit: f64| {

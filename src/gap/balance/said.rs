@@ -19,15 +19,31 @@ pub fn verdict(report: &Report, weighed: &Weighed) -> String {
         Outcome::NotInLibrary { remainder } => {
             let far: Vec<String> =
                 remainder.statistics.iter().map(|(axis, z)| format!("{axis} {z:+.1}")).collect();
-            format!(
-                "not in the list: this is another vehicle, or this one with other propellers, or a change that no cause here makes; \
-                 in sigma: {}",
-                far.join(", ")
-            )
+            let what = if weighed.another > weighed.something_else {
+                format!(
+                    "another vehicle than the references', and no fault [{:.2}]: its motors share the weight otherwise{}",
+                    weighed.another,
+                    marks(&report.accelerometer_g).map_or_else(String::new, |mg| format!(
+                        ", and its accelerometer is off by {mg} mg from theirs"
+                    ))
+                )
+            } else {
+                "not in the list: this vehicle with other propellers, or another one, or a change that no cause here makes"
+                    .to_owned()
+            };
+            format!("{what}; in sigma: {}", far.join(", "))
         }
         _ if told.len() > 1 => format!("one of: {}", told.join("; or ")),
         _ => format!("named: {}", told.concat()),
     }
+}
+
+/// How far the offsets of the accelerometer lie from those of the references; `None` where none was logged.
+fn marks(offset_g: &[Option<f64>; 3]) -> Option<String> {
+    let axes = ["forward", "left", "up"].iter().zip(offset_g);
+    let told: Vec<String> =
+        axes.filter_map(|(axis, g)| Some(format!("{:+.0} {axis}", 1e3 * (*g)?))).collect();
+    (!told.is_empty()).then(|| told.join(", "))
 }
 
 /// A cause with its size.
@@ -98,6 +114,9 @@ pub fn text(report: &Report) -> String {
     }
     if let Some(times) = report.shaking {
         let _ = writeln!(out, "  shaking         {times:.1} times that of the references");
+    }
+    if let Some(mg) = marks(&report.accelerometer_g) {
+        let _ = writeln!(out, "  accelerometer   {mg} mg from that of the references");
     }
     // Without an explanation there is nothing that could shrink.
     if let Some(held_out) =

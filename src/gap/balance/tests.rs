@@ -24,7 +24,14 @@ fn flight(name: &str, shares: [f64; 4], trembling: f64) -> MotorFlight {
         let command_frac =
             [0, 1, 2, 3].map(|m| if is_up { hover * shares[m] * of[m] } else { 0.0 });
         let height_m = Some(if is_up { 0.5 } else { 0.0 });
-        MotorRow { t_s, command_frac, supply_v: None, height_m, speed_mps: Some(0.0) }
+        MotorRow {
+            t_s,
+            command_frac,
+            supply_v: None,
+            height_m,
+            speed_mps: Some(0.0),
+            accel_g: [None; 3],
+        }
     };
     let rows = (0..2000).map(row).collect();
     MotorFlight { name: name.into(), commands: "made".into(), rows, dropped: Dropped::default() }
@@ -103,6 +110,28 @@ fn prop_two_weak_motors_are_a_set_at_these_two() {
 fn prop_another_vehicle_is_no_fault_of_this_one() {
     let report = judged([0.85, 1.15, 0.8, 1.2], 0.02);
     assert!(matches!(report.outcome, Outcome::NotInLibrary { .. }));
+    assert!(report.verdict.starts_with("another vehicle"), "{}", report.verdict);
+}
+
+#[test]
+fn prop_the_accelerometer_tells_another_vehicle_from_a_weak_motor() {
+    let vehicle = vehicle();
+    let trims = [1.02, 0.95, 1.12, 0.9];
+    let of = |changed: f64, offset_g: f64| {
+        let mut made = flight("f", [trims[0] * changed, trims[1], trims[2], trims[3]], 0.02);
+        made.rows.iter_mut().for_each(|row| row.accel_g = [Some(offset_g), Some(0.0), None]);
+        Hover::of(&made, &vehicle).unwrap()
+    };
+    let references = [of(1.0, 0.002), of(1.002, 0.0), of(0.998, -0.002)];
+    let judge = Judge::new(&references, &vehicle).unwrap();
+    let own = judge.report(&of(1.15, 0.0), &[]);
+    assert_eq!(own.outcome.effects()[0].id, "weak_motor M1", "{}", own.text());
+    let other = judge.report(&of(1.15, 0.05), &[]);
+    assert!(
+        other.another_vehicle > 0.4 && other.verdict.contains("+50 forward"),
+        "{}",
+        other.text()
+    );
 }
 
 #[test]

@@ -43,8 +43,10 @@ pub fn render(report: &Report) -> String {
         let probability = format!("{:.2}", named.probability);
         vec![Cell::of(html::WRAPS, &report.cause_words(named)), probability.into()]
     });
-    let nothing = vec![Cell::from("nothing has changed"), format!("{:.2}", report.nothing).into()];
-    let rows: Vec<_> = std::iter::once(nothing).chain(rows).collect();
+    let others =
+        [("nothing has changed", report.nothing), ("another vehicle", report.another_vehicle)];
+    let others = others.map(|(what, p)| vec![Cell::from(what), format!("{p:.2}").into()]);
+    let rows: Vec<_> = others.into_iter().chain(rows).collect();
     page += &html::titled("Causes", ["Cause", "#Probability"], &rows);
     if let Some(held_out) = &report.held_out {
         page += &html::heading("On flights that were not used");
@@ -129,6 +131,7 @@ mod tests {
             hover_s: 10.0,
             by_height: true,
             by_speed: false,
+            offset_g: [None; 3],
         };
         let references = [0.0, 0.002, -0.002].map(|share| hover("healthy & sound", [share; 4]));
         // Motor 3 is told a third more.
