@@ -83,6 +83,21 @@ impl Hover {
     }
 }
 
+/// Logarithms of the voltage over the nominal one and of the mean share of the full thrust, the voltage left out of account, of every piece
+/// of the hover; none where it was not logged.
+pub(super) fn levels(flight: &MotorFlight, vehicle: &Rotorcraft) -> Vec<[f64; 2]> {
+    let mut bare = vehicle.clone();
+    bare.thrust.voltage_exponent = 0.0;
+    let Some((to_balance, step_s)) = bare.to_balance().zip(usual_step_s(&flight.rows)) else {
+        return Vec::new();
+    };
+    let pieces = pieces(flight, &bare, &to_balance, step_s);
+    let by_height = flight.rows.iter().any(|row| row.height_m.is_some());
+    let level = |piece: &&Piece| [(piece.supply_v / bare.thrust.nominal_v).ln(), piece.balance[0]];
+    let within = usual_pieces(&pieces, by_height);
+    within.iter().map(level).filter(|level| level[0].is_finite()).collect()
+}
+
 /// Half a second in which all motors carry.
 struct Piece {
     balance: Vector4<f64>,
@@ -90,6 +105,8 @@ struct Piece {
     shake: f64,
     /// Not a number where none was logged.
     height_m: f64,
+    /// The same.
+    supply_v: f64,
     /// The same.
     accel_g: [f64; 3],
 }
@@ -127,6 +144,7 @@ fn pieces(
                 balance: to_balance * mean.map(f64::ln),
                 shake: bends.sum::<f64>() / (n - 2.0),
                 height_m: middle(&|row| row.height_m),
+                supply_v: middle(&|row| row.supply_v),
                 accel_g: [0, 1, 2].map(|axis| middle(&|row| row.accel_g[axis])),
             }
         })

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::causes::{Cause, Kind};
-use super::report::{Report, Smallest};
+use super::report::{Report, Simulator, Smallest};
 use super::weigh::Weighed;
 use crate::outcome::{Named, Outcome};
 
@@ -36,6 +36,23 @@ pub fn verdict(report: &Report, weighed: &Weighed) -> String {
         _ if told.len() > 1 => format!("one of: {}", told.join("; or ")),
         _ => format!("named: {}", told.concat()),
     }
+}
+
+/// How near a simulator comes to the references, and what it could not fly.
+pub fn simulator_words(simulator: &Simulator, report: &Report) -> String {
+    let axes = report.balance.iter().zip(simulator.apart);
+    let told = axes.map(|(axis, apart)| {
+        format!("{} {:+.1} % ({:+.1} sigma)", axis.axis, 100.0 * apart, apart / axis.sigma)
+    });
+    let told = told.collect::<Vec<_>>().join(", ");
+    let lost: usize = simulator.lost.values().sum();
+    let flown = simulator.flights - lost;
+    let why = simulator.lost.iter().map(|(why, count)| format!("; {count} lost: {why}"));
+    format!(
+        "flew {flown} of {} flights, and its healthy hover differs from the references by {told}{}",
+        simulator.flights,
+        why.collect::<String>()
+    )
 }
 
 /// How far the offsets of the accelerometer lie from those of the references; `None` where none was logged.
@@ -117,6 +134,9 @@ pub fn text(report: &Report) -> String {
     }
     if let Some(mg) = marks(&report.accelerometer_g) {
         let _ = writeln!(out, "  accelerometer   {mg} mg from that of the references");
+    }
+    if let Some(told) = report.simulator_words() {
+        let _ = writeln!(out, "simulator  {told}");
     }
     // Without an explanation there is nothing that could shrink.
     if let Some(held_out) =

@@ -5,10 +5,10 @@
 //! is that of the references together with what is usual between sessions, as if it had been seen on some flights before, and its
 //! tails are Student's. Against each cause stand "nothing" and "something else".
 
-use haltere_model::rotorcraft::{MOTORS, Rotorcraft};
-use nalgebra::{Matrix4, Vector4};
+use haltere_model::rotorcraft::MOTORS;
+use nalgebra::Vector4;
 
-use super::causes::{Cause, Kind, Trial};
+use super::causes::{Cause, Kind, Laws, Trial};
 use super::hover::Hover;
 
 /// Usual scatter between sessions of vertical force, roll, pitch and yaw, as shares \[CrazyPAD, vehicle E9: all motors in common 5 %;
@@ -161,6 +161,11 @@ impl Healthy {
         Change { balance, shake: Some(shake), offset_g }
     }
 
+    /// Mean of the balance.
+    pub fn mean(&self) -> Vector4<f64> {
+        self.mean
+    }
+
     /// Standard deviations of the balance of the next healthy flight.
     pub fn sigma(&self) -> Vector4<f64> {
         self.variance.map(f64::sqrt)
@@ -203,9 +208,9 @@ impl Healthy {
 
 impl Rivals {
     /// All causes for a vehicle.
-    pub fn of(vehicle: &Rotorcraft, to_balance: &Matrix4<f64>) -> Self {
+    pub fn of(laws: &Laws<'_>) -> Self {
         let trials = |cause: Cause| {
-            let trials = cause.trials(vehicle, to_balance);
+            let trials = cause.trials(laws);
             (cause, trials)
         };
         Self { causes: Cause::all().into_iter().map(trials).collect() }

@@ -294,7 +294,7 @@ fn of_table(text: &str, columns: &Columns, name: &str) -> Result<MotorFlight, St
 
 impl MotorFlight {
     /// A row more, unless it is none or not later than the last.
-    pub(super) fn push(&mut self, row: MotorRow) {
+    pub fn push(&mut self, row: MotorRow) {
         let is_number = row.t_s.is_finite() && row.command_frac.iter().all(|u| u.is_finite());
         if !is_number {
             self.dropped.unreadable += 1;

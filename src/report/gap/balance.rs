@@ -56,6 +56,10 @@ pub fn render(report: &Report) -> String {
             held_out.flights.join(", ")
         ));
     }
+    if let Some(told) = report.simulator_words() {
+        page += &html::heading("Your simulator");
+        page += &html::note(&format!("It {told}."));
+    }
     let rows: Vec<Vec<Cell>> =
         report.not_checked.iter().map(|what| vec![Cell::of(html::WRAPS, what)]).collect();
     page += &html::titled("Not checked", ["What"], &rows);
@@ -136,7 +140,7 @@ mod tests {
         let references = [0.0, 0.002, -0.002].map(|share| hover("healthy & sound", [share; 4]));
         // Motor 3 is told a third more.
         let weak = hover("bad<1>", [0.08, 0.08, -0.08, 0.08]);
-        let report = diagnose(&weak, &[], &references, &vehicle).unwrap();
+        let report = diagnose(&weak, &[], &references, &vehicle, None).unwrap();
         let page = render(&report);
         for part in [
             "bad&lt;1&gt;",
