@@ -1,12 +1,17 @@
 //! `haltere gap diagnose --import`: flights of other vehicles and programs, judged without a simulator.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::Context as _;
 use clap::ValueEnum;
 
+use super::own_simulator::OwnSimulator;
+use crate::progress::Progress;
 use crate::report::gap::balance as page;
 use crate::vehicles;
+use haltere_gap::balance::fill::{Filled, fill};
+use haltere_gap::balance::flown::{FLIGHTS, Flown, fly_bank};
 use haltere_gap::balance::{Hover, Report, diagnose};
 use haltere_gap::outcome::Outcome;
 use haltere_log::import::boards::{read_dataflash, read_ulog};
@@ -15,6 +20,8 @@ use haltere_log::import::motors::{
 };
 use haltere_model::rotorcraft::Rotorcraft;
 
+/// How long a simulator of the user's own may take for a hover of 15 s.
+const ANSWER_WITHIN: Duration = Duration::from_secs(120);
 /// Longest map of columns that is read, bytes.
 const MOST_BYTES: u64 = 1 << 16;
 
@@ -91,12 +98,14 @@ pub(super) enum Found {
     None(String, Outcome),
 }
 
-/// Judges the first flight by the references, and the explanation by the other flights.
+/// Judges the first flight by the references, and the explanation by the other flights; what causes do is flown by the command
+/// `simulator`, where one is given.
 pub(super) fn judge(
     source: &Source,
     flights: &[PathBuf],
     references: &[PathBuf],
     vehicle: &Path,
+    simulator: Option<&str>,
 ) -> anyhow::Result<Found> {
     let vehicle = vehicles::rotorcraft(vehicle)?;
     let mut judged = Vec::new();
@@ -124,9 +133,47 @@ pub(super) fn judge(
     for (flight, path) in others.iter().zip(flights.iter().skip(1)) {
         held_out.push(sound(flight, path, &vehicle)?);
     }
-    let mut report = diagnose(&hover, &held_out, &accepted, &vehicle)?;
+    let flown = simulator.map(|command| flown(command, &vehicle)).transpose()?;
+    let mut report = diagnose(&hover, &held_out, &accepted, &vehicle, flown.as_ref())?;
     report.not_checked.push(format!("of the log only {} were read", found(first)));
     Ok(Found::Balance(Box::new(report)))
+}
+
+/// The bank of a simulator of the user's own.
+fn flown(command: &str, vehicle: &Rotorcraft) -> anyhow::Result<Flown> {
+    let mut simulator = OwnSimulator::start(command, ANSWER_WITHIN)?;
+    let progress = Progress::new("bank of --simulator");
+    let mut done = 0;
+    let bank = fly_bank(vehicle, &mut |request| {
+        let answer = simulator.fly(request);
+        done += 1;
+        progress.at(done, FLIGHTS);
+        answer
+    });
+    bank.map_err(|why| anyhow::anyhow!("--simulator: {why}"))
+}
+
+/// The file of a quadrotor from accepted flights: its new text, and what was found.
+pub(super) fn filled(
+    source: &Source,
+    flights: &[PathBuf],
+    vehicle: &Path,
+) -> anyhow::Result<(String, Filled)> {
+    let file = vehicles::rotorcraft(vehicle)?;
+    let mut read = Vec::new();
+    for path in flights {
+        let flight = source.read(path)?;
+        anyhow::ensure!(
+            fault(&flight).is_none(),
+            "{}: {}",
+            path.display(),
+            fault(&flight).unwrap_or_default()
+        );
+        read.push(flight);
+    }
+    let filled = fill(&read, &file)?;
+    let text = vehicles::rotorcraft_text(vehicle).unwrap_or_default();
+    Ok((filled.into_text(&text)?, filled))
 }
 
 impl Found {

@@ -1,7 +1,7 @@
 //! `haltere gap commission`: the vehicle file as accepted flights show the vehicle.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -9,6 +9,7 @@ use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 
+use super::balance::{Import, filled};
 use super::options::SceneOptions;
 use super::terminal::Terminal;
 use crate::cli::output::{print, print_json};
@@ -34,6 +35,13 @@ pub struct Commission {
     /// Accepted flights of one mission, eight or more: logs, or folders of logs.
     #[arg(required = true, value_name = "LOG|FOLDER")]
     references: Vec<PathBuf>,
+    /// The flights are of another program: what they are. --vehicle is then the file of a quadrotor, whose thrust is filled in from what
+    /// three flights or more held in hover (docs/IMPORT.md).
+    #[arg(long, value_name = "KIND", requires = "vehicle")]
+    import: Option<Import>,
+    /// With `--import csv`: which column of the tables is what.
+    #[arg(long, value_name = "FILE.toml", requires = "import")]
+    columns: Option<PathBuf>,
     #[command(flatten)]
     told: SceneOptions,
     /// The new vehicle file; commissioned.toml by default, which must not be there yet.
@@ -66,6 +74,22 @@ impl Commission {
                 out
             }
         };
+        if let (Some(import), Some(vehicle)) = (self.import, of_user) {
+            let source = import.source(self.columns.as_deref())?;
+            let (new, filled) = filled(&source, &self.references, vehicle)?;
+            let said = self.written(
+                &out,
+                &vehicles::rotorcraft_text(vehicle).unwrap_or_default(),
+                Some(new),
+                filled.flights,
+            )?;
+            if self.json {
+                print_json(&json!({ "filled": filled, "file": out }))?;
+            } else {
+                print(&format!("{}{said}\n", filled.text()))?;
+            }
+            return Ok(ExitCode::SUCCESS);
+        }
         let text = of_user.map_or(Ok(String::new()), |file| vehicles::read(file))?;
         let told = self.told.told()?;
         let audience = Terminal::default();
@@ -84,23 +108,7 @@ impl Commission {
         let seconds = started.elapsed().as_secs_f64();
         let new =
             rewrite_vehicle(&text, &found.vehicle).with_context(|| out.display().to_string())?;
-        let mut said = String::new();
-        match new {
-            Some(new) if self.write => {
-                let what = format!("commissioning from {} flights", found.flights);
-                accepted::write(&out, Some(&text), &new, &what)?;
-                let _ = write!(
-                    said,
-                    "written into {}; `haltere gap undo {0}` takes it back",
-                    out.display()
-                );
-            }
-            Some(new) => {
-                written::write(&out, new, &inputs)?;
-                let _ = write!(said, "written: {}", out.display());
-            }
-            None => said.push_str("nothing written: flights show no constant to be another one"),
-        }
+        let said = self.written(&out, &text, new, found.flights)?;
         if self.json {
             print_json(
                 &json!({ "commissioned": found, "failed": found.why_not_yet(), "seconds": seconds, "file": out }),
@@ -110,6 +118,35 @@ impl Commission {
             print(&format!("{said}\n"))?;
         }
         Ok(if found.why_not_yet().is_some() { ExitCode::from(NOT_YET) } else { ExitCode::SUCCESS })
+    }
+
+    /// Writes the new text where it is asked for, and says where.
+    fn written(
+        &self,
+        out: &Path,
+        text: &str,
+        new: Option<String>,
+        flights: usize,
+    ) -> anyhow::Result<String> {
+        let Some(new) = new else {
+            return Ok("nothing written: flights show no constant to be another one".to_owned());
+        };
+        if self.write {
+            accepted::write(
+                out,
+                Some(text),
+                &new,
+                &format!("commissioning from {flights} flights"),
+            )?;
+            return Ok(format!(
+                "written into {}; `haltere gap undo {0}` takes it back",
+                out.display()
+            ));
+        }
+        let inputs: Vec<&PathBuf> =
+            self.told.vehicle_file().into_iter().chain(&self.references).collect();
+        written::write(out, new, &inputs)?;
+        Ok(format!("written: {}", out.display()))
     }
 }
 

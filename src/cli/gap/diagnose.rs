@@ -52,6 +52,10 @@ pub struct Diagnose {
     /// With `--import csv`: which column of the tables is what (docs/IMPORT.md).
     #[arg(long, value_name = "FILE.toml", requires = "import")]
     columns: Option<PathBuf>,
+    /// With --import: a simulator of one's own flies what causes do, in place of a formula: a command that answers requests, a line of JSON
+    /// each (docs/INTERFACES.md, section 6).
+    #[arg(long, value_name = "COMMAND", requires = "import")]
+    simulator: Option<String>,
     #[command(flatten)]
     which: WhichFlight,
     #[command(flatten)]
@@ -116,7 +120,8 @@ impl Diagnose {
             let source = import.source(self.columns.as_deref())?;
             let references = self.references.files()?;
             self.look(&references)?;
-            let found = balance::judge(&source, &self.logs, &references, vehicle)?;
+            let simulator = self.simulator.as_deref();
+            let found = balance::judge(&source, &self.logs, &references, vehicle, simulator)?;
             let [text, json, page] = found.printed()?;
             self.write(page, json.clone(), &references)?;
             print(&if self.json { json + "\n" } else { text })?;

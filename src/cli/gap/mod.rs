@@ -12,6 +12,7 @@ mod effects;
 mod missions;
 mod observe;
 mod options;
+mod own_simulator;
 mod report;
 mod shrink;
 mod terminal;

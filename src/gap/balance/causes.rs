@@ -4,6 +4,8 @@ use haltere_model::rotorcraft::{MOTORS, Rotorcraft};
 use nalgebra::{Matrix4, Vector4};
 use serde::Serialize;
 
+use super::flown::Flown;
+
 /// Largest loss of thrust of a motor that is tried: with more of it no vehicle with a reserve of two hovers under control.
 const MOST_LOSS: f64 = 0.45;
 /// Largest load that is tried, as a share of the mass.
@@ -36,6 +38,21 @@ pub struct Cause {
     pub kind: Kind,
     /// Where: motors as the log counts them, from 1. None where it could be any.
     pub motors: Vec<usize>,
+}
+
+/// What causes do: flown by a simulator where it has flown them, by a formula where not.
+#[derive(Clone)]
+pub struct Laws<'a> {
+    vehicle: &'a Rotorcraft,
+    to_balance: Matrix4<f64>,
+    flown: Option<&'a Flown>,
+}
+
+impl<'a> Laws<'a> {
+    /// For a vehicle; `None`: its file holds no quadrotor.
+    pub fn of(vehicle: &'a Rotorcraft, flown: Option<&'a Flown>) -> Option<Self> {
+        Some(Self { vehicle, to_balance: vehicle.to_balance()?, flown })
+    }
 }
 
 /// One size of a cause, with what it does.
@@ -74,7 +91,7 @@ impl Cause {
     }
 
     /// All sizes that are tried.
-    pub fn trials(&self, vehicle: &Rotorcraft, to_balance: &Matrix4<f64>) -> Vec<Trial> {
+    pub fn trials(&self, laws: &Laws<'_>) -> Vec<Trial> {
         let (most, usual) = match self.kind {
             Kind::WeakMotor => (MOST_LOSS, USUAL_LOSS),
             Kind::Load => (MOST_LOAD, USUAL_LOAD),
@@ -93,7 +110,7 @@ impl Cause {
         };
         let total: f64 = all.iter().map(|sizes| weight(sizes)).sum();
         let trial = |sizes: Vec<f64>| Trial {
-            adds: self.adds(&sizes, vehicle, to_balance),
+            adds: self.adds(&sizes, laws),
             weight: weight(&sizes) / total,
             sizes,
         };
@@ -104,15 +121,20 @@ impl Cause {
     ///
     /// A motor that loses the share λ is told `1/(1 - λ)` times as much thrust for what it held. A mass of the share q at a place
     /// adds its weight to the vertical force and the moments of it to roll and pitch, which all motors carry; nothing to yaw.
-    pub fn adds(
-        &self,
-        sizes: &[f64],
-        vehicle: &Rotorcraft,
-        to_balance: &Matrix4<f64>,
-    ) -> Vector4<f64> {
+    ///
+    /// What two motors add is the sum of what each adds where a simulator flew each.
+    pub fn adds(&self, sizes: &[f64], laws: &Laws<'_>) -> Vector4<f64> {
+        let places = || self.motors.iter().zip(sizes);
+        let of_flight = laws.flown.and_then(|flown| {
+            places().map(|(motor, size)| flown.adds(self.kind, *motor, *size)).sum()
+        });
+        if let Some(flown) = of_flight.filter(|_| !self.motors.is_empty()) {
+            return flown;
+        }
+        let Laws { vehicle, to_balance, .. } = laws;
         let mut thrusts = Vector4::repeat(1.0);
         let [right_m, forward_m] = vehicle.levers_m();
-        for (motor, size) in self.motors.iter().map(|motor| motor - 1).zip(sizes) {
+        for (motor, size) in places().map(|(motor, size)| (motor - 1, size)) {
             match self.kind {
                 Kind::WeakMotor => thrusts[motor] /= 1.0 - size,
                 Kind::Load => {

@@ -40,6 +40,9 @@ pub struct Hover {
     pub by_height: bool,
     /// Whether what flew fast was left out.
     pub by_speed: bool,
+    /// Acceleration forward, left and up, g. What hovers has none, so this is the offset of the board's accelerometer: a mark of
+    /// the board, which no propeller and no load moves.
+    pub offset_g: [Option<f64>; 3],
 }
 
 impl Hover {
@@ -75,8 +78,26 @@ impl Hover {
             hover_s: within.len() as f64 * PIECE_S,
             by_height,
             by_speed,
+            offset_g: [0, 1, 2].map(|axis| {
+                Some(middle(&|piece| piece.accel_g[axis])).filter(|offset| offset.is_finite())
+            }),
         })
     }
+}
+
+/// Logarithms of the voltage over the nominal one and of the mean share of the full thrust, the voltage left out of account, of every piece
+/// of the hover; none where it was not logged.
+pub(super) fn levels(flight: &MotorFlight, vehicle: &Rotorcraft) -> Vec<[f64; 2]> {
+    let mut bare = vehicle.clone();
+    bare.thrust.voltage_exponent = 0.0;
+    let Some((to_balance, step_s)) = bare.to_balance().zip(usual_step_s(&flight.rows)) else {
+        return Vec::new();
+    };
+    let pieces = pieces(flight, &bare, &to_balance, step_s);
+    let by_height = flight.rows.iter().any(|row| row.height_m.is_some());
+    let level = |piece: &&Piece| [(piece.supply_v / bare.thrust.nominal_v).ln(), piece.balance[0]];
+    let within = usual_pieces(&pieces, by_height);
+    within.iter().map(level).filter(|level| level[0].is_finite()).collect()
 }
 
 /// Half a second in which all motors carry.
@@ -86,6 +107,10 @@ struct Piece {
     shake: f64,
     /// Not a number where none was logged.
     height_m: f64,
+    /// The same.
+    supply_v: f64,
+    /// The same.
+    accel_g: [f64; 3],
 }
 
 fn pieces(
@@ -110,6 +135,9 @@ fn pieces(
             let shares: Vec<Vector4<f64>> =
                 rows.iter().map(|row| to_balance * thrusts(row, vehicle).map(f64::ln)).collect();
             let mean = rows.iter().map(|row| thrusts(row, vehicle)).sum::<Vector4<f64>>() / n;
+            let middle = |of: &dyn Fn(&MotorRow) -> Option<f64>| {
+                rows.iter().map(|row| of(row).unwrap_or(f64::NAN)).sum::<f64>() / n
+            };
             let bends = shares.windows(3).map(|of| {
                 let bend = of[0] - 2.0 * of[1] + of[2];
                 bend[1].powi(2) + bend[2].powi(2)
@@ -117,7 +145,9 @@ fn pieces(
             Piece {
                 balance: to_balance * mean.map(f64::ln),
                 shake: bends.sum::<f64>() / (n - 2.0),
-                height_m: rows.iter().map(|row| row.height_m.unwrap_or(f64::NAN)).sum::<f64>() / n,
+                height_m: middle(&|row| row.height_m),
+                supply_v: middle(&|row| row.supply_v),
+                accel_g: [0, 1, 2].map(|axis| middle(&|row| row.accel_g[axis])),
             }
         })
         .collect()

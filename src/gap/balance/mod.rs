@@ -7,13 +7,16 @@
 //!
 //! [`hover`] is the balance of one flight, [`causes`] what a cause adds to it, [`weigh`] how probable each is by what references
 //! scatter, `said` the words. Nothing is flown, so that a flight takes milliseconds; nothing but the motors' commands is
-//! needed, and what is not there is told as not checked.
+//! needed, and what is not there is told as not checked. Where the user has a simulator, [`flown`] is what it says that causes do. [`fill`]
+//! is the vehicle file from flights.
 //!
 //! Where it is blind: a weak motor and a load at its place ask nearly the same of the motors, since on recorded flights a load at a motor
 //! changes yaw as well. What tells them apart is that a cut propeller shakes; where it does not, they are a set. Thrust that all motors lack
 //! alike is a load in the middle, another battery or other propellers.
 
 pub mod causes;
+pub mod fill;
+pub mod flown;
 pub mod hover;
 pub mod report;
 pub mod weigh;

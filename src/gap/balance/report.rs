@@ -1,11 +1,14 @@
 //! What a diagnosis by balance finds: the outcome, what it rests on, and how small a change its references can show.
 
+use std::collections::BTreeMap;
+
 use haltere_core::checks::Problems;
 use haltere_model::rotorcraft::{MOTORS, Rotorcraft};
 use nalgebra::Vector4;
 use serde::Serialize;
 
-use super::causes::{Cause, Kind};
+use super::causes::{Cause, Kind, Laws};
+use super::flown::Flown;
 use super::hover::Hover;
 use super::said;
 use super::weigh::{Candidate, Change, Healthy, Rivals, Weighed};
@@ -43,16 +46,34 @@ pub struct Report {
     pub balance: Vec<AxisChange>,
     /// How many times as much the controller works from row to row.
     pub shaking: Option<f64>,
+    /// How far the offsets of the accelerometer lie from those of the references, forward, left, up, g.
+    pub accelerometer_g: [Option<f64>; 3],
     /// Probability that nothing has changed.
     pub nothing: f64,
+    /// Probability that this is another vehicle.
+    pub another_vehicle: f64,
     /// Causes, most probable first; of a weak motor the sizes are losses of 1, of a load kg.
     pub candidates: Vec<Named>,
     /// What was not looked at, and why.
     pub not_checked: Vec<String>,
     /// How far the explanation foretells flights that it was not found on.
     pub held_out: Option<HeldOut>,
+    /// The simulator of the user's own that flew what causes do.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub simulator: Option<Simulator>,
     /// Length of hover that was used, s.
     pub hover_s: f64,
+}
+
+/// What a simulator of the user's own has flown.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Simulator {
+    /// Flights that were asked of it.
+    pub flights: usize,
+    /// Why some are not there, and how many.
+    pub lost: BTreeMap<String, usize>,
+    /// How far its healthy hover lies from the mean of the references, axis by axis, as [`AxisChange::share`].
+    pub apart: [f64; MOTORS],
 }
 
 /// The smallest size of a kind of cause that can be shown.
@@ -98,6 +119,8 @@ pub struct Judge<'a> {
     references: &'a [Hover],
     healthy: Healthy,
     rivals: Rivals,
+    laws: Laws<'a>,
+    flown: Option<&'a Flown>,
 }
 
 /// Judges a flight; `held_out`: others of the same state.
@@ -106,16 +129,25 @@ pub fn diagnose(
     held_out: &[Hover],
     references: &[Hover],
     vehicle: &Rotorcraft,
+    flown: Option<&Flown>,
 ) -> Result<Report, Problems> {
-    Ok(Judge::new(references, vehicle)?.report(flight, held_out))
+    Ok(Judge::with(references, vehicle, flown)?.report(flight, held_out))
 }
 
 impl<'a> Judge<'a> {
     /// With the causes that a vehicle can have, and what its references scatter.
     pub fn new(references: &'a [Hover], vehicle: &'a Rotorcraft) -> Result<Self, Problems> {
-        let to_balance = vehicle.to_balance();
-        let to_balance =
-            to_balance.ok_or_else(|| Problems::one("the vehicle file holds no quadrotor"))?;
+        Self::with(references, vehicle, None)
+    }
+
+    /// The same where a simulator has flown what causes do.
+    pub fn with(
+        references: &'a [Hover],
+        vehicle: &'a Rotorcraft,
+        flown: Option<&'a Flown>,
+    ) -> Result<Self, Problems> {
+        let laws = Laws::of(vehicle, flown);
+        let laws = laws.ok_or_else(|| Problems::one("the vehicle file holds no quadrotor"))?;
         let healthy = Healthy::of(references).filter(|_| references.len() >= LEAST_REFERENCES);
         let healthy = healthy.ok_or_else(|| {
             Problems::one(format!(
@@ -124,7 +156,8 @@ impl<'a> Judge<'a> {
                 references.len()
             ))
         })?;
-        Ok(Self { vehicle, references, healthy, rivals: Rivals::of(vehicle, &to_balance) })
+        let rivals = Rivals::of(&laws);
+        Ok(Self { vehicle, references, healthy, rivals, laws, flown })
     }
 
     /// What a flight shows.
@@ -134,7 +167,7 @@ impl<'a> Judge<'a> {
         let outcome = self.outcome(&weighed, &change);
         let sigma = self.healthy.sigma();
         let explained = set(&weighed).first().copied().filter(|_| outcome.kind().is_explained());
-        let adds = explained.and_then(|candidate| self.adds(candidate));
+        let adds = explained.map(|candidate| candidate.cause.adds(&candidate.sizes, &self.laws));
         let apart: Vec<Change> = self.references.iter().map(|r| self.healthy.change(r)).collect();
         let balance = (0..MOTORS).map(|axis| AxisChange {
             axis: AXES[axis],
@@ -155,10 +188,13 @@ impl<'a> Judge<'a> {
             verdict: String::new(),
             balance: balance.collect(),
             shaking: change.shake.map(f64::exp),
+            accelerometer_g: change.offset_g,
             nothing: weighed.nothing,
+            another_vehicle: weighed.another,
             candidates,
             not_checked: not_checked(flight, &change),
             held_out,
+            simulator: self.simulator(),
             hover_s: flight.hover_s,
         };
         report.verdict = said::verdict(&report, &weighed);
@@ -171,7 +207,8 @@ impl<'a> Judge<'a> {
         }
         let set = set(weighed);
         let explained: f64 = set.iter().map(|candidate| candidate.probability).sum();
-        if weighed.something_else > ODDS * explained {
+        // Another vehicle is in the list as a fault is; what is in no list has to be clearly ahead.
+        if weighed.another > explained || weighed.something_else > ODDS * explained {
             let sigma = self.healthy.sigma();
             let mut far: Vec<(String, f64)> = (0..MOTORS)
                 .map(|axis| (AXES[axis].to_owned(), change.balance[axis] / sigma[axis]))
@@ -203,7 +240,7 @@ impl<'a> Judge<'a> {
     /// The smallest sizes at which a flight without any noise is called a gap.
     fn can_show(&self) -> Vec<Smallest> {
         let is_gap = |balance: Vector4<f64>, shake: f64| {
-            let change = Change { balance, shake: Some(shake) };
+            let change = self.healthy.changed_by(balance, shake);
             self.rivals.weigh(&change, &self.healthy).nothing < NO_GAP
         };
         let of_motor = |kind: Kind, unit: f64| {
@@ -226,10 +263,13 @@ impl<'a> Judge<'a> {
         ]
     }
 
-    /// What a cause adds to the balance.
-    fn adds(&self, candidate: &Candidate) -> Option<Vector4<f64>> {
-        let to_balance = self.vehicle.to_balance()?;
-        Some(candidate.cause.adds(&candidate.sizes, self.vehicle, &to_balance))
+    /// What the simulator has flown, beside the references.
+    fn simulator(&self) -> Option<Simulator> {
+        let flown = self.flown?;
+        let mean = flown.healthy.iter().map(|hover| Vector4::from(hover.balance));
+        let mean = mean.sum::<Vector4<f64>>() / flown.healthy.len() as f64;
+        let apart = (mean - self.healthy.mean()).into();
+        Some(Simulator { flights: flown.flights, lost: flown.lost.clone(), apart })
     }
 
     /// What is left of other flights; without an explanation, all.
@@ -293,6 +333,11 @@ impl Report {
     /// The whole in words.
     pub fn text(&self) -> String {
         said::text(self)
+    }
+
+    /// How near the user's simulator comes, in words.
+    pub fn simulator_words(&self) -> Option<String> {
+        self.simulator.as_ref().map(|simulator| said::simulator_words(simulator, self))
     }
 
     /// What these references can show, in words.

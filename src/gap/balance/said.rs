@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::causes::{Cause, Kind};
-use super::report::{Report, Smallest};
+use super::report::{Report, Simulator, Smallest};
 use super::weigh::Weighed;
 use crate::outcome::{Named, Outcome};
 
@@ -19,15 +19,48 @@ pub fn verdict(report: &Report, weighed: &Weighed) -> String {
         Outcome::NotInLibrary { remainder } => {
             let far: Vec<String> =
                 remainder.statistics.iter().map(|(axis, z)| format!("{axis} {z:+.1}")).collect();
-            format!(
-                "not in the list: this is another vehicle, or this one with other propellers, or a change that no cause here makes; \
-                 in sigma: {}",
-                far.join(", ")
-            )
+            let what = if weighed.another > weighed.something_else {
+                format!(
+                    "another vehicle than the references', and no fault [{:.2}]: its motors share the weight otherwise{}",
+                    weighed.another,
+                    marks(&report.accelerometer_g).map_or_else(String::new, |mg| format!(
+                        ", and its accelerometer is off by {mg} mg from theirs"
+                    ))
+                )
+            } else {
+                "not in the list: this vehicle with other propellers, or another one, or a change that no cause here makes"
+                    .to_owned()
+            };
+            format!("{what}; in sigma: {}", far.join(", "))
         }
         _ if told.len() > 1 => format!("one of: {}", told.join("; or ")),
         _ => format!("named: {}", told.concat()),
     }
+}
+
+/// How near a simulator comes to the references, and what it could not fly.
+pub fn simulator_words(simulator: &Simulator, report: &Report) -> String {
+    let axes = report.balance.iter().zip(simulator.apart);
+    let told = axes.map(|(axis, apart)| {
+        format!("{} {:+.1} % ({:+.1} sigma)", axis.axis, 100.0 * apart, apart / axis.sigma)
+    });
+    let told = told.collect::<Vec<_>>().join(", ");
+    let lost: usize = simulator.lost.values().sum();
+    let flown = simulator.flights - lost;
+    let why = simulator.lost.iter().map(|(why, count)| format!("; {count} lost: {why}"));
+    format!(
+        "flew {flown} of {} flights, and its healthy hover differs from the references by {told}{}",
+        simulator.flights,
+        why.collect::<String>()
+    )
+}
+
+/// How far the offsets of the accelerometer lie from those of the references; `None` where none was logged.
+fn marks(offset_g: &[Option<f64>; 3]) -> Option<String> {
+    let axes = ["forward", "left", "up"].iter().zip(offset_g);
+    let told: Vec<String> =
+        axes.filter_map(|(axis, g)| Some(format!("{:+.0} {axis}", 1e3 * (*g)?))).collect();
+    (!told.is_empty()).then(|| told.join(", "))
 }
 
 /// A cause with its size.
@@ -98,6 +131,12 @@ pub fn text(report: &Report) -> String {
     }
     if let Some(times) = report.shaking {
         let _ = writeln!(out, "  shaking         {times:.1} times that of the references");
+    }
+    if let Some(mg) = marks(&report.accelerometer_g) {
+        let _ = writeln!(out, "  accelerometer   {mg} mg from that of the references");
+    }
+    if let Some(told) = report.simulator_words() {
+        let _ = writeln!(out, "simulator  {told}");
     }
     // Without an explanation there is nothing that could shrink.
     if let Some(held_out) =

@@ -5,10 +5,10 @@
 //! is that of the references together with what is usual between sessions, as if it had been seen on some flights before, and its
 //! tails are Student's. Against each cause stand "nothing" and "something else".
 
-use haltere_model::rotorcraft::{MOTORS, Rotorcraft};
-use nalgebra::{Matrix4, Vector4};
+use haltere_model::rotorcraft::MOTORS;
+use nalgebra::Vector4;
 
-use super::causes::{Cause, Kind, Trial};
+use super::causes::{Cause, Kind, Laws, Trial};
 use super::hover::Hover;
 
 /// Usual scatter between sessions of vertical force, roll, pitch and yaw, as shares \[CrazyPAD, vehicle E9: all motors in common 5 %;
@@ -26,12 +26,21 @@ const LAW: f64 = 0.15;
 const ELSE: [f64; MOTORS] = [0.10, 0.05, 0.05, 0.05];
 /// What a change does to the shaking: it is doubled.
 const SHAKEN: f64 = 0.7;
-/// Chance beforehand that nothing is changed; of the rest, that it is a cause at one motor, at two, one that only shakes, and
-/// something else: one fault is more usual than two, and another vehicle or set of propellers than two faults.
+/// Offset of an accelerometer that no program corrects, forward, left and up, from board to board, g \[data sheet of the BMI088: 20 mg; up
+/// half of it is taken, since the firmware makes gravity at rest 1 g\].
+const BOARDS_G: [f64; 3] = [0.02, 0.02, 0.01];
+/// Of one board from flight to flight, g \[the same: 0.2 mg/K, of 20 K; CrazyPAD: 4 to 6 mg between states\].
+const FLIGHTS_G: f64 = 0.006;
+/// What shakes moves it at times, by as much as another board \[CrazyPAD: in one state of fifteen\].
+const SHAKEN_MOVES: f64 = 0.05;
+/// Weight beforehand of nothing changed; of a change, of a cause at one motor, at two, one that only shakes, and
+/// another vehicle, and something else: one fault is more usual than two, references of another vehicle were mixed up as likely as
+/// something broke, and another set of propellers is more usual than two faults.
 const NOTHING: f64 = 0.5;
 const AT_ONE: f64 = 0.55;
 const AT_TWO: f64 = 0.15;
 const SHAKES: f64 = 0.1;
+const ANOTHER: f64 = 0.55;
 const SOMETHING_ELSE: f64 = 0.2;
 /// Chance that what the balance shows shakes as well: a propeller that is cut is out of balance, a mass that is bound to an arm is not.
 const WEAK_SHAKES: f64 = 0.75;
@@ -55,6 +64,8 @@ pub struct Healthy {
     /// Variances of the next flight.
     variance: Vector4<f64>,
     variance_shake: f64,
+    mean_offset: [Option<f64>; 3],
+    variance_offset: [f64; 3],
     freedom: f64,
     rate_hz: f64,
 }
@@ -71,13 +82,17 @@ pub struct Change {
     pub balance: Vector4<f64>,
     /// Of the logarithm of the shaking; `None` where the rates of the logs differ.
     pub shake: Option<f64>,
+    /// Of the accelerometer's offsets, g; `None` where it was not logged.
+    pub offset_g: [Option<f64>; 3],
 }
 
 /// Probabilities, which sum to 1.
 pub struct Weighed {
     /// That nothing is changed.
     pub nothing: f64,
-    /// That it is something that is not in the list.
+    /// That it is another vehicle.
+    pub another: f64,
+    /// That it is something else that is not in the list.
     pub something_else: f64,
     /// Of each cause, most probable first.
     pub causes: Vec<Candidate>,
@@ -108,12 +123,23 @@ impl Healthy {
             let seen: f64 = references.iter().map(|r| apart(r).powi(2)).sum();
             next * (SESSIONS_COUNT * usual.powi(2) + seen)
         };
+        let offsets = |axis: usize| -> Option<Vec<f64>> {
+            references.iter().map(|r| r.offset_g[axis]).collect()
+        };
+        let mean_offset =
+            [0, 1, 2].map(|axis| offsets(axis).map(|all| all.iter().sum::<f64>() / n));
+        let of_offset = |axis: usize| {
+            let apart = |r: &Hover| Some(r.offset_g[axis]? - mean_offset[axis]?);
+            variance(FLIGHTS_G, &|r| apart(r).unwrap_or_default())
+        };
         let of_axis = |axis: usize| variance(SESSIONS[axis], &|r| r.balance[axis] - mean[axis]);
         Some(Self {
             mean,
             mean_shake,
             variance: Vector4::from_fn(|axis, _| of_axis(axis)),
             variance_shake: variance(SESSIONS_SHAKE, &|r| r.shake - mean_shake),
+            mean_offset,
+            variance_offset: [0, 1, 2].map(of_offset),
             freedom,
             rate_hz: first.rate_hz,
         })
@@ -125,7 +151,19 @@ impl Healthy {
         Change {
             balance: Vector4::from(hover.balance) - self.mean,
             shake: is_comparable.then_some(hover.shake - self.mean_shake),
+            offset_g: [0, 1, 2].map(|axis| Some(hover.offset_g[axis]? - self.mean_offset[axis]?)),
         }
+    }
+
+    /// A change of these alone, of this board.
+    pub fn changed_by(&self, balance: Vector4<f64>, shake: f64) -> Change {
+        let offset_g = self.mean_offset.map(|logged| logged.map(|_| 0.0));
+        Change { balance, shake: Some(shake), offset_g }
+    }
+
+    /// Mean of the balance.
+    pub fn mean(&self) -> Vector4<f64> {
+        self.mean
     }
 
     /// Standard deviations of the balance of the next healthy flight.
@@ -150,13 +188,29 @@ impl Healthy {
         let more = if is_shaken { SHAKEN.powi(2) } else { 0.0 };
         self.log_density(shake.max(0.0), self.variance_shake + more).exp()
     }
+
+    /// Density of the accelerometer's offsets, of this board or of another.
+    fn offset_density(&self, change: &Change, is_another: bool) -> f64 {
+        let of = |axis: usize| {
+            let boards = if is_another { 2.0 * BOARDS_G[axis].powi(2) } else { 0.0 };
+            Some(self.log_density(change.offset_g[axis]?, self.variance_offset[axis] + boards))
+        };
+        (0..3).filter_map(of).sum::<f64>().exp()
+    }
+
+    /// Density of what another vehicle would show: its trims are as usual about none, wherever those of the references lie.
+    fn another_density(&self, change: &Change) -> f64 {
+        let mut residual = change.balance + self.mean;
+        residual[0] = change.balance[0];
+        self.balance_density(residual, Vector4::from(ELSE).map(|s| s.powi(2)))
+    }
 }
 
 impl Rivals {
     /// All causes for a vehicle.
-    pub fn of(vehicle: &Rotorcraft, to_balance: &Matrix4<f64>) -> Self {
+    pub fn of(laws: &Laws<'_>) -> Self {
         let trials = |cause: Cause| {
-            let trials = cause.trials(vehicle, to_balance);
+            let trials = cause.trials(laws);
             (cause, trials)
         };
         Self { causes: Cause::all().into_iter().map(trials).collect() }
@@ -169,8 +223,13 @@ impl Rivals {
 
     /// How probable each is for what was seen.
     pub fn weigh(&self, change: &Change, healthy: &Healthy) -> Weighed {
-        let [calm, shaken] = [false, true].map(|is| healthy.shake_density(change, is));
-        let either = |chance: f64| chance * shaken + (1.0 - chance) * calm;
+        let [this_board, another_board] =
+            [false, true].map(|is| healthy.offset_density(change, is));
+        let shakes = [false, true].map(|is| healthy.shake_density(change, is));
+        let mixed = |chance: f64, [not, is]: [f64; 2]| chance * is + (1.0 - chance) * not;
+        let [calm, shaken] =
+            [shakes[0] * this_board, shakes[1] * mixed(SHAKEN_MOVES, [this_board, another_board])];
+        let either = |chance: f64| mixed(chance, [calm, shaken]);
         let none = healthy.balance_density(change.balance, Vector4::zeros());
         let beside = Vector4::from(ELSE).map(|s| s.powi(2));
         let nothing = NOTHING * none * calm;
@@ -178,10 +237,15 @@ impl Rivals {
             * SOMETHING_ELSE
             * healthy.balance_density(change.balance, beside)
             * either(ELSE_SHAKES);
+        let another = (1.0 - NOTHING)
+            * ANOTHER
+            * healthy.another_density(change)
+            * another_board
+            * mixed(ELSE_SHAKES, shakes);
         let count =
             |of: usize| self.causes.iter().filter(|(c, _)| c.motors.len() == of).count() as f64;
         let priors = [SHAKES / count(0), AT_ONE / count(1), AT_TWO / count(2)];
-        let mut total = nothing + something_else;
+        let mut total = nothing + another + something_else;
         let mut causes = Vec::new();
         for (cause, trials) in &self.causes {
             let prior = (1.0 - NOTHING) * priors[cause.motors.len()];
@@ -211,7 +275,9 @@ impl Rivals {
         }
         causes.iter_mut().for_each(|candidate| candidate.probability /= total);
         causes.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-        Weighed { nothing: nothing / total, something_else: something_else / total, causes }
+        let [nothing, another, something_else] =
+            [nothing, another, something_else].map(|evidence| evidence / total);
+        Weighed { nothing, another, something_else, causes }
     }
 }
 

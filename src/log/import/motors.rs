@@ -50,6 +50,8 @@ pub struct MotorRow {
     pub height_m: Option<f64>,
     /// Speed over the ground, m/s.
     pub speed_mps: Option<f64>,
+    /// Acceleration forward, left and up by the board's accelerometer, without gravity, g.
+    pub accel_g: [Option<f64>; 3],
 }
 
 /// What was left out of a file, by the reason.
@@ -180,6 +182,7 @@ fn of_usdlog(log: &UsdLog, name: &str) -> Result<MotorFlight, String> {
     let height_m = column("stateEstimate.z", 1.0);
     let velocity = column("stateEstimate.vx", 1.0).zip(column("stateEstimate.vy", 1.0));
     let speed_mps = velocity.map(|(x, y)| x.iter().zip(y).map(|(x, y)| x.hypot(y)).collect());
+    let accel_g = accel_g(&column);
     let mut flight =
         MotorFlight { name: name.into(), commands: commands.into(), rows: Vec::new(), dropped };
     for (k, t_s) in event.time_s.iter().enumerate() {
@@ -192,9 +195,32 @@ fn of_usdlog(log: &UsdLog, name: &str) -> Result<MotorFlight, String> {
             supply_v: at(&supply_v),
             height_m: at(&height_m),
             speed_mps: at(&speed_mps),
+            accel_g: [0, 1, 2].map(|axis| at(&accel_g[axis])),
         });
     }
     Ok(flight)
+}
+
+/// Acceleration forward, left and up: the estimate's, which is in the frame of the room, or what was measured.
+fn accel_g(column: &dyn Fn(&str, f64) -> Option<Vec<f64>>) -> [Option<Vec<f64>>; 3] {
+    let less_g = |up: Option<Vec<f64>>| Some(up?.into_iter().map(|up| up - 1.0).collect());
+    let [east, north, up] =
+        ["ax", "ay", "az"].map(|of| column(&format!("stateEstimate.{of}"), 1.0));
+    let Some((east, north)) = east.zip(north) else {
+        let [forward, left] = ["acc.x", "acc.y"].map(|of| column(of, 1.0));
+        let measured = column("acc.z", 1.0).or_else(|| column("controller.accelz", 1.0));
+        return [forward, left, less_g(measured)];
+    };
+    let Some(yaw_deg) = column("stateEstimate.yaw", 1.0) else { return [None, None, up] };
+    let turned = |of: fn(f64, f64, f64) -> f64| {
+        let rows = east.iter().zip(&north).zip(&yaw_deg);
+        Some(rows.map(|((east, north), yaw)| of(*east, *north, yaw.to_radians())).collect())
+    };
+    [
+        turned(|x, y, yaw| x * yaw.cos() + y * yaw.sin()),
+        turned(|x, y, yaw| y * yaw.cos() - x * yaw.sin()),
+        up,
+    ]
 }
 
 /// The firmware's mixer for an X (`power_distribution_quadrotor.c`): half of roll and pitch, all of yaw.
@@ -254,6 +280,7 @@ fn of_table(text: &str, columns: &Columns, name: &str) -> Result<MotorFlight, St
             supply_v: supply.and_then(value),
             height_m: height.and_then(value),
             speed_mps: speed.and_then(value),
+            accel_g: [None; 3],
         });
     }
     let most = flight.rows.iter().flat_map(|row| row.command_frac).fold(0.0, f64::max);
@@ -267,7 +294,7 @@ fn of_table(text: &str, columns: &Columns, name: &str) -> Result<MotorFlight, St
 
 impl MotorFlight {
     /// A row more, unless it is none or not later than the last.
-    pub(super) fn push(&mut self, row: MotorRow) {
+    pub fn push(&mut self, row: MotorRow) {
         let is_number = row.t_s.is_finite() && row.command_frac.iter().all(|u| u.is_finite());
         if !is_number {
             self.dropped.unreadable += 1;
@@ -277,7 +304,8 @@ impl MotorFlight {
             let finite = |value: Option<f64>| value.filter(|value| value.is_finite());
             let [supply_v, height_m, speed_mps] =
                 [row.supply_v, row.height_m, row.speed_mps].map(finite);
-            self.rows.push(MotorRow { supply_v, height_m, speed_mps, ..row });
+            let accel_g = row.accel_g.map(finite);
+            self.rows.push(MotorRow { supply_v, height_m, speed_mps, accel_g, ..row });
         }
     }
 }

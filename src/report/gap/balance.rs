@@ -43,8 +43,10 @@ pub fn render(report: &Report) -> String {
         let probability = format!("{:.2}", named.probability);
         vec![Cell::of(html::WRAPS, &report.cause_words(named)), probability.into()]
     });
-    let nothing = vec![Cell::from("nothing has changed"), format!("{:.2}", report.nothing).into()];
-    let rows: Vec<_> = std::iter::once(nothing).chain(rows).collect();
+    let others =
+        [("nothing has changed", report.nothing), ("another vehicle", report.another_vehicle)];
+    let others = others.map(|(what, p)| vec![Cell::from(what), format!("{p:.2}").into()]);
+    let rows: Vec<_> = others.into_iter().chain(rows).collect();
     page += &html::titled("Causes", ["Cause", "#Probability"], &rows);
     if let Some(held_out) = &report.held_out {
         page += &html::heading("On flights that were not used");
@@ -53,6 +55,10 @@ pub fn render(report: &Report) -> String {
             held_out.shrink,
             held_out.flights.join(", ")
         ));
+    }
+    if let Some(told) = report.simulator_words() {
+        page += &html::heading("Your simulator");
+        page += &html::note(&format!("It {told}."));
     }
     let rows: Vec<Vec<Cell>> =
         report.not_checked.iter().map(|what| vec![Cell::of(html::WRAPS, what)]).collect();
@@ -129,11 +135,12 @@ mod tests {
             hover_s: 10.0,
             by_height: true,
             by_speed: false,
+            offset_g: [None; 3],
         };
         let references = [0.0, 0.002, -0.002].map(|share| hover("healthy & sound", [share; 4]));
         // Motor 3 is told a third more.
         let weak = hover("bad<1>", [0.08, 0.08, -0.08, 0.08]);
-        let report = diagnose(&weak, &[], &references, &vehicle).unwrap();
+        let report = diagnose(&weak, &[], &references, &vehicle, None).unwrap();
         let page = render(&report);
         for part in [
             "bad&lt;1&gt;",

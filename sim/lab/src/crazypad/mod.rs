@@ -17,8 +17,11 @@ use haltere::cli::{print, print_json};
 use haltere::vehicles;
 use haltere_gap::balance::report::Judge;
 use haltere_gap::balance::{Hover, Report};
+use haltere_gap::outcome::Ending;
 use haltere_log::import::motors::read_usdlog;
+use haltere_model::random::Stream;
 use haltere_model::rotorcraft::Rotorcraft;
+use nalgebra::Vector4;
 use state::Done;
 
 /// References that a flight is judged by.
@@ -69,7 +72,10 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
             let all: Vec<_> = judged.iter().map(|j| (&j.place, j.by_another, &j.report)).collect();
             print_json(&all)?;
         }
-        false => print(&(score::flights(&judged) + &score::table(&judged)))?,
+        false => {
+            print(&(score::flights(&judged) + &score::table(&judged)))?;
+            print(&drawn(&flights, &vehicle))?;
+        }
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -149,6 +155,42 @@ fn judged(flights: &[Flight], vehicle: &Rotorcraft) -> Vec<Judged> {
         }
     }
     all
+}
+
+/// Other vehicles that are drawn for each kind of log.
+const DRAWN: usize = 100;
+/// What they differ by: thrust of each motor, vertical force, and offsets of the accelerometer, forward, left, up, g.
+const TRIMS: f64 = 0.06;
+const FORCE: f64 = 0.04;
+const OFFSETS_G: [f64; 3] = [0.02, 0.02, 0.01];
+
+/// How many vehicles that are drawn are called another one, by the references of those that are there.
+fn drawn(flights: &[Flight], vehicle: &Rotorcraft) -> String {
+    let healthy = |kind: &str| -> Vec<Hover> {
+        let of = flights.iter().filter(|f| f.done == Done::Healthy && f.kind == kind);
+        of.filter_map(|f| f.hover.clone().ok()).take(REFERENCES).collect()
+    };
+    let row = |kind: &str| {
+        let references = healthy(kind);
+        let judge = Judge::new(&references, vehicle).ok()?;
+        let to_balance = vehicle.to_balance()?;
+        let mut rng = Stream::new(1, kind);
+        let another = (0..DRAWN).filter(|_| {
+            let mut hover = references[0].clone();
+            let trims = to_balance * Vector4::from_fn(|_, _| TRIMS * rng.normal());
+            hover.balance = [0, 1, 2, 3].map(|axis| match axis {
+                0 => hover.balance[0] + trims[0] + FORCE * rng.normal(),
+                _ => trims[axis],
+            });
+            for (offset, usual) in hover.offset_g.iter_mut().zip(OFFSETS_G) {
+                let apart = f64::sqrt(2.0) * usual * rng.normal();
+                *offset = offset.map(|offset| offset + apart);
+            }
+            judge.report(&hover, &[]).outcome.kind() == Ending::NotInLibrary
+        });
+        Some(format!("another vehicle, drawn [{kind}]: {} of {DRAWN}\n", another.count()))
+    };
+    ["motor_data", "controller_data"].into_iter().filter_map(row).collect()
 }
 
 /// The bounds that the flights at hand keep; those that are kept back decide.
