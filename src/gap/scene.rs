@@ -11,6 +11,8 @@ use haltere_model::{PlantConfig, Vehicle};
 use haltere_pilot::mission_file::LOCAL_SCALE;
 use haltere_pilot::{BoardProfile, PilotConfig};
 
+use crate::bank::kept_file::fnv;
+
 /// A room with anchors in its corners, a vehicle on its floor, and a companion configured for both.
 #[derive(Debug, Clone)]
 pub struct Scene {
@@ -67,6 +69,27 @@ fn first_place_NE_m(items: &[MISSION_ITEM_INT_DATA]) -> Option<[f64; 2]> {
 }
 
 impl Scene {
+    /// Hash of everything that flights of a mission depend on, and of what else tells files apart.
+    pub(crate) fn key(&self, items: &[MISSION_ITEM_INT_DATA], rest: &str) -> String {
+        // Items are told apart from how they were addressed.
+        let items: Vec<_> = items
+            .iter()
+            .map(|i| (i.command, i.x, i.y, i.z, i.param1, i.param2, i.param3, i.param4))
+            .collect();
+        // Debug output of numbers is exact; NaN has one spelling.
+        let text = format!(
+            "{:?} {:?} {:?} {:?} {:?} {:?} {items:?} {rest} {}",
+            self.room,
+            self.survey,
+            self.start_NE_m,
+            self.until_s,
+            self.vehicle,
+            self.pilot,
+            crate::BANK_HASH
+        );
+        format!("{:016x}", fnv(text.as_bytes()))
+    }
+
     /// A laboratory of 6 × 6 × 3 m, eight anchors in its corners.
     pub fn lab() -> Result<Self, Problems> {
         let room = Room {

@@ -16,7 +16,6 @@ use crate::bank::fly::fly_observed_into;
 use crate::bank::kept_file::{self, Kind};
 use crate::bank::library::with_effect;
 use crate::bank::make_bank::jittered;
-use crate::bank::workshop::mission_key;
 use crate::flight::statistics::statistics_of;
 use crate::flight::trace::Trace;
 use crate::nominal::Nominal;
@@ -63,7 +62,7 @@ impl Shelf {
 
     fn path(&self, scene: &Scene, items: &[MISSION_ITEM_INT_DATA], what: &str) -> Option<PathBuf> {
         let folder = self.folder.as_ref()?;
-        Some(folder.join(format!("{}.flights", mission_key(scene, items, what))))
+        Some(folder.join(format!("{}.flights", scene.key(items, what))))
     }
 
     /// Of a mission what goes by a name: as it was kept, or made and kept.

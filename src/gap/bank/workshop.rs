@@ -205,28 +205,7 @@ pub(super) fn key(
     size: BankSize,
 ) -> String {
     let ids: Vec<&str> = library.iter().map(|spec| spec.id).collect();
-    mission_key(scene, items, &format!("{ids:?} {size:?} {BANK_SEED}"))
-}
-
-/// Hash of everything that flights of a mission depend on, and of what else tells files apart.
-pub(crate) fn mission_key(scene: &Scene, items: &[MISSION_ITEM_INT_DATA], rest: &str) -> String {
-    // Items are told apart from how they were addressed.
-    let items: Vec<_> = items
-        .iter()
-        .map(|i| (i.command, i.x, i.y, i.z, i.param1, i.param2, i.param3, i.param4))
-        .collect();
-    // Debug output of numbers is exact; NaN has one spelling.
-    let text = format!(
-        "{:?} {:?} {:?} {:?} {:?} {:?} {items:?} {rest} {}",
-        scene.room,
-        scene.survey,
-        scene.start_NE_m,
-        scene.until_s,
-        scene.vehicle,
-        scene.pilot,
-        crate::BANK_HASH
-    );
-    format!("{:016x}", kept_file::fnv(text.as_bytes()))
+    scene.key(items, &format!("{ids:?} {size:?} {BANK_SEED}"))
 }
 
 /// Where banks are kept unless the user says otherwise: the user's cache.

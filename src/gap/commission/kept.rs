@@ -20,7 +20,6 @@ use super::{
 use crate::bank::archive::Shelf;
 use crate::bank::bank_file::{Row, from_disk, to_disk};
 use crate::bank::kept_file::Kind;
-use crate::bank::workshop::mission_key;
 use crate::flight::logs::Flown;
 use crate::flight::trace::Trace;
 use crate::nominal::Nominal;
@@ -120,7 +119,7 @@ pub fn begun_with(
     flights: &[&Trace],
 ) -> Option<Fitted> {
     let vehicle = begun(scene, items, flights)?;
-    let kept = folder.join(format!("{}.toml", mission_key(scene, items, &format!("{vehicle:?}"))));
+    let kept = folder.join(format!("{}.toml", scene.key(items, &format!("{vehicle:?}"))));
     remember(&kept, &vehicle);
     Some(Fitted::of(&scene.vehicle, vehicle, kept))
 }
@@ -137,7 +136,7 @@ fn fitted_to(
         return Ok(None);
     }
     let seen = observed(accepted, LEAST_FLIGHTS, &Nominal::of_scene(scene))?;
-    let kept = folder.join(format!("{}.toml", mission_key(scene, items, &format!("{seen:?}"))));
+    let kept = folder.join(format!("{}.toml", scene.key(items, &format!("{seen:?}"))));
     let vehicle = match recall(&kept) {
         Some(vehicle) => vehicle,
         None => {

@@ -14,7 +14,6 @@ use serde::Serialize;
 use crate::bank::archive::{Job, Shelf};
 use crate::bank::fly::fly_observed_into;
 use crate::bank::library::with_effect;
-use crate::bank::workshop::mission_key;
 use crate::flight::logs::Flown;
 use crate::flight::statistics::{specs, statistics_of};
 use crate::flight::trace::Trace;
@@ -133,7 +132,7 @@ pub fn measure(
                 continue;
             }
         };
-        let model = models.entry(mission_key(scene, &flown.mission, "")).or_insert_with(|| {
+        let model = models.entry(scene.key(&flown.mission, "")).or_insert_with(|| {
             let of_mission = accepted.iter().filter(|a| a.mission.len() == flown.mission.len());
             let rows = of_mission.filter_map(|a| statistics_of(&a.trace, &nominal).ok());
             HeldOut::new(scene, &flown.mission, &rows.collect::<Vec<_>>(), shelf)
