@@ -172,7 +172,7 @@ impl Seen {
 fn table(rows: &[Row]) -> String {
     let width = rows.iter().map(|row| shown_name(&row.log).chars().count()).max().unwrap_or(0);
     let mut text = format!(
-        "{:width$}  {:23}  {:>8}  {:>8}  {:>9}  flown\n",
+        "{:width$}  {:23}  {:>8}  {:>8}  {:>9}  modes\n",
         "log", "started", "length", "flown", "size"
     );
     for row in rows {

@@ -18,6 +18,8 @@ const ALONE_PX: [f64; 2] = [1120.0, 380.0];
 /// Probability of the intervals that are shown.
 const SHOWN: f64 = 0.95;
 
+/// How often nothing is taken for something.
+const CHANCE: f64 = 0.05;
 /// Parameters that the sentence on top tells.
 const MOST_SAID: usize = 3;
 
@@ -183,6 +185,12 @@ impl Outcome {
         out
     }
 
+    /// Whether a parameter differs from nothing by more than the surest of so many does by chance once in twenty times.
+    pub fn differs(&self) -> bool {
+        let each = 1.0 - CHANCE / self.parameters.len().max(1) as f64;
+        self.parameters.iter().any(|p| p.value.value.abs() > p.value.half_width(each))
+    }
+
     /// What came out, in a sentence.
     pub fn sentence(&self) -> String {
         // Of several for one thing (axis, anchor) the first: it is what was asked for.
@@ -206,7 +214,13 @@ impl Outcome {
             format!("{} = {} {}", p.name, with_error(value, std), p.unit).trim_end().to_owned()
         });
         let told = told.collect::<Vec<_>>().join("; ");
-        let first = if many { "surest: " } else { "" };
+        let first = match (many, self.differs()) {
+            (false, _) => String::new(),
+            (true, true) => "surest: ".to_owned(),
+            (true, false) => {
+                format!("nothing beyond chance; surest of {}: ", self.parameters.len())
+            }
+        };
         let offered = match self.snippet {
             Some(_) => "what the configuration gets stands at the end",
             None => "nothing of it goes into the configuration",

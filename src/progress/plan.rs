@@ -34,6 +34,8 @@ pub(super) struct Place {
     pub number: String,
     /// What all of it still takes, s; `None`: there is no plan.
     pub left_s: Option<f64>,
+    /// Whether it is not known yet what had been done before.
+    pub first: bool,
 }
 
 fn plan() -> MutexGuard<'static, Option<Plan>> {
@@ -55,10 +57,11 @@ pub(super) fn begin(name: &str) {
 
 /// Where in the plan the stage under way is, of which a share is done.
 pub(super) fn place(name: &str, share: f64) -> Place {
-    plan()
-        .as_ref()
-        .and_then(|plan| plan.place(name, share))
-        .unwrap_or(Place { number: String::new(), left_s: None })
+    plan().as_ref().and_then(|plan| plan.place(name, share)).unwrap_or(Place {
+        number: String::new(),
+        left_s: None,
+        first: false,
+    })
 }
 
 /// A stage of another size is another stage.
@@ -113,7 +116,7 @@ impl Plan {
         self.stages.get(self.at).filter(|(known, _)| *known == name)?;
         let number = format!("[{}/{}] ", self.at + 1, self.stages.len());
         let left_s = Some(self.left_s(share, self.began.elapsed().as_secs_f64()));
-        Some(Place { number, left_s })
+        Some(Place { number, left_s, first: self.at == 0 })
     }
 
     /// What is left by its weights, times how slow this run is so far. A short stage says little of a long one: what was

@@ -148,8 +148,11 @@ impl Progress {
         let own_s =
             (done > 0).then(|| self.seconds() / done as f64 * total.saturating_sub(here) as f64);
         let share = here as f64 / total.max(1) as f64;
-        let plan::Place { number, left_s } = plan::place(self.what, share);
+        let plan::Place { number, left_s, first } = plan::place(self.what, share);
         let left = match (left_s, own_s) {
+            (Some(left_s), _) if first => {
+                format!(", {left_s:.0} s left in all if nothing of it was done before")
+            }
             (Some(left_s), _) => format!(", {left_s:.0} s left in all"),
             (None, Some(own_s)) => format!(", {own_s:.0} s left"),
             (None, None) => String::new(),

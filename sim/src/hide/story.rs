@@ -81,8 +81,13 @@ pub fn story(hidden: &Hidden, early: &[String], diagnosis: &Diagnosis) -> String
         let of = diagnosis.attribution.as_ref().map_or(0, |all| all.candidates.len());
         format!(", {} is candidate {rank} of {of}", hidden.id())
     });
-    let _ = writeln!(out, "RESULT  {}{place}", Mark::of(hidden, diagnosis).word());
-    for line in sizes(hidden, diagnosis) {
+    let sizes = sizes(hidden, diagnosis);
+    let missed = match sizes.iter().filter(|(holds, _)| !holds).count() {
+        0 => String::new(),
+        n => format!("; {n} of {} numbers lie outside of what was said", sizes.len()),
+    };
+    let _ = writeln!(out, "RESULT  {}{place}{missed}", Mark::of(hidden, diagnosis).word());
+    for (_, line) in sizes {
         let _ = writeln!(out, "{line}");
     }
     if diagnosis.not_testable.iter().any(|id| id == hidden.id()) {
@@ -120,8 +125,9 @@ fn what(hidden: &Hidden) -> String {
     format!("{} {} ({}{left}): {}", spec.id, spec.name, hidden.strength, numbers.join(", "))
 }
 
-/// Of what was hidden and named: each number as it was hidden beside what was found. Which one of several is no size.
-fn sizes(hidden: &Hidden, diagnosis: &Diagnosis) -> Vec<String> {
+/// Of what was hidden and named: each number as it was hidden beside what was found, and whether that holds it. Which one of
+/// several is no size.
+fn sizes(hidden: &Hidden, diagnosis: &Diagnosis) -> Vec<(bool, String)> {
     let found = diagnosis.effects.iter().find(|effect| effect.id == hidden.id());
     let values = hidden.values();
     let specs = hidden.spec.map_or(&[][..], |spec| spec.parameters);
@@ -129,16 +135,17 @@ fn sizes(hidden: &Hidden, diagnosis: &Diagnosis) -> Vec<String> {
         let p = found?.parameters.iter().find(|p| p.name == value.name)?;
         if matches!(spec.kind, Kind::Which(_)) {
             let (hidden, found) = (value.value, p.value);
-            return Some(format!(
+            let line = format!(
                 "WHICH   {} hidden {hidden:.0}, found {found:.0}; from 0: {}",
                 value.name, spec.doc
-            ));
+            );
+            return Some((hidden == found, line));
         }
         let line = format!(
             "SIZE    {} hidden {:.3}, found {:.3} (90 %: {:.3} to {:.3}) {}",
             value.name, value.value, p.value, p.low, p.high, value.unit
         );
-        Some(line.trim_end().to_owned())
+        Some(((p.low..=p.high).contains(&value.value), line.trim_end().to_owned()))
     });
     beside.collect()
 }

@@ -125,8 +125,12 @@ pub fn fit(sources: &[Source], known: bool) -> Result<Outcome, Refusal> {
         biases.join(", ")
     ));
     notes(&mut outcome, &found);
-    // Not a configuration but an anchor file: checked by its own reader in the tests.
-    outcome.snippet = Some(toml);
+    if outcome.differs() {
+        // Not a configuration but an anchor file: checked by its own reader in the tests.
+        outcome.snippet = Some(toml);
+    } else {
+        outcome.notes.push("all of it may be chance: the survey stays".into());
+    }
     Ok(outcome)
 }
 

@@ -467,7 +467,7 @@ impl Act<'_> {
                 R::MAV_RESULT_DENIED,
                 format!(
                     "N {north_m:.2} E {east_m:.2} height {height_m:.2} m is outside the limits: \
-                     N {:.1} to {:.1}, E {:.1} to {:.1}, height {LOWEST_M} to {:.1} m",
+                     N {:.2} to {:.2}, E {:.2} to {:.2}, height {LOWEST_M} to {:.2} m",
                     volume.north_m[0],
                     volume.north_m[1],
                     volume.east_m[0],
