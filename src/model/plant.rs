@@ -31,6 +31,7 @@ use broken::Broken;
 
 use contact::Contact;
 use rotors::Rotors;
+use wires::Wires;
 
 /// Length of a step, µs.
 pub const STEP_US: u64 = (STEP_S * 1e6) as u64;
@@ -129,12 +130,7 @@ pub struct Plant {
     rotors: Option<Rotors>,
     /// Bytes that were produced in this step.
     scratch: Vec<u8>,
-    from_tag: NoisyLine,
-    from_board: NoisyLine,
-    to_board: NoisyLine,
-    to_board_line: Option<SlowLine>,
-    tag_out: Vec<u8>,
-    board_out: Vec<u8>,
+    wires: Wires,
 }
 
 impl Plant {
@@ -223,12 +219,14 @@ impl Plant {
             contact: Contact::new(&vehicle),
             rotors: None,
             scratch: Vec::with_capacity(4096),
-            from_tag: NoisyLine::new(seed, "fault-from-tag"),
-            from_board: NoisyLine::new(seed, "fault-from-board"),
-            to_board: NoisyLine::new(seed, "fault-to-board"),
-            to_board_line,
-            tag_out,
-            board_out: Vec::with_capacity(4096),
+            wires: Wires {
+                from_tag: NoisyLine::new(seed, "fault-from-tag"),
+                from_board: NoisyLine::new(seed, "fault-from-board"),
+                to_board: NoisyLine::new(seed, "fault-to-board"),
+                to_board_line,
+                tag_out,
+                board_out: Vec::with_capacity(4096),
+            },
             vehicle,
             room,
             bank,
@@ -246,8 +244,8 @@ impl Plant {
             self.step();
         }
         let now_us = self.t_us();
-        self.from_tag.receive(now_us, &mut self.tag_out);
-        self.from_board.receive(now_us, &mut self.board_out);
+        self.wires.from_tag.receive(now_us, &mut self.wires.tag_out);
+        self.wires.from_board.receive(now_us, &mut self.wires.board_out);
     }
 
     /// Time, µs: whole steps.
@@ -257,7 +255,7 @@ impl Plant {
 
     /// Bytes that the tag has sent; the caller drains them.
     pub fn tag_output(&mut self) -> &mut Vec<u8> {
-        &mut self.tag_out
+        &mut self.wires.tag_out
     }
 
     /// Bytes for the tag.
@@ -265,7 +263,7 @@ impl Plant {
         self.scratch.clear();
         self.port.command(bytes, &mut self.scratch);
         if !self.scratch.is_empty() {
-            self.from_tag.send(self.t_us(), 0.0, &self.scratch);
+            self.wires.from_tag.send(self.t_us(), 0.0, &self.scratch);
         }
     }
 
@@ -274,13 +272,13 @@ impl Plant {
         self.scratch.clear();
         self.port.opened(&mut self.scratch);
         if !self.scratch.is_empty() {
-            self.from_tag.send(self.t_us(), 0.0, &self.scratch);
+            self.wires.from_tag.send(self.t_us(), 0.0, &self.scratch);
         }
     }
 
     /// Bytes that the board has sent; the caller drains them.
     pub fn board_output(&mut self) -> &mut Vec<u8> {
-        &mut self.board_out
+        &mut self.wires.board_out
     }
 
     /// Bytes for the board.
@@ -292,7 +290,7 @@ impl Plant {
         self.bank.link(&self.state, &mut delivery);
         delivery.delay_s += self.companion_line_delay_s(bytes.len());
         if !delivery.lost && self.board_link_up() && self.to_board_up() {
-            self.to_board.send(self.t_us(), delivery.delay_s, bytes);
+            self.wires.to_board.send(self.t_us(), delivery.delay_s, bytes);
         }
     }
 
@@ -412,7 +410,7 @@ impl Plant {
             self.bank.link(&self.state, &mut delivery);
             if !delivery.lost {
                 // What is heard in the coming step leaves at its end: causal at step resolution.
-                self.from_tag.send(until_us, delivery.delay_s, &self.scratch);
+                self.wires.from_tag.send(until_us, delivery.delay_s, &self.scratch);
             }
         }
     }

@@ -95,9 +95,9 @@ impl Plant {
                 noise.check("fault", &mut problems);
                 if problems.is_empty() {
                     match line {
-                        LineId::FromTag => self.from_tag.set(noise),
-                        LineId::FromBoard => self.from_board.set(noise),
-                        LineId::ToBoard => self.to_board.set(noise),
+                        LineId::FromTag => self.wires.from_tag.set(noise),
+                        LineId::FromBoard => self.wires.from_board.set(noise),
+                        LineId::ToBoard => self.wires.to_board.set(noise),
                     }
                 }
             }

@@ -1,13 +1,26 @@
 //! The line between board and companion: what waits, what is late, what is cut.
 
 use super::Plant;
+use crate::board::SlowLine;
 use crate::effects::{Cargo, Delivery};
 use crate::faults::{FaultKind, off_phase};
+use crate::line_noise::NoisyLine;
+
+/// The lines of tag and board, and what has come out of them.
+#[derive(Debug)]
+pub(super) struct Wires {
+    pub from_tag: NoisyLine,
+    pub from_board: NoisyLine,
+    pub to_board: NoisyLine,
+    pub to_board_line: Option<SlowLine>,
+    pub tag_out: Vec<u8>,
+    pub board_out: Vec<u8>,
+}
 
 impl Plant {
     pub(super) fn hear_companion(&mut self, now_us: u64) {
         self.scratch.clear();
-        self.to_board.receive(now_us, &mut self.scratch);
+        self.wires.to_board.receive(now_us, &mut self.scratch);
         if self.scratch.is_empty() {
             return;
         }
@@ -37,7 +50,7 @@ impl Plant {
         self.bank.link(&self.state, &mut delivery);
         delivery.delay_s += self.board.line_delay_s(now_us, 0);
         if !delivery.lost && self.board_link_up() {
-            self.from_board.send(now_us, delivery.delay_s, &self.scratch);
+            self.wires.from_board.send(now_us, delivery.delay_s, &self.scratch);
         }
     }
 
@@ -60,7 +73,7 @@ impl Plant {
     /// Time that the companion's bytes wait on their way on a line of finite speed, s.
     pub(super) fn companion_line_delay_s(&mut self, bytes: usize) -> f64 {
         let t_s = self.t_us() as f64 * 1e-6;
-        let Some(line) = &mut self.to_board_line else { return 0.0 };
+        let Some(line) = &mut self.wires.to_board_line else { return 0.0 };
         line.takes(t_s, bytes);
         line.delay_s()
     }

@@ -18,7 +18,7 @@ const OWN_IMU: u8 = 0;
 impl BoardLink {
     /// Whether packets of a Crazyflie come here.
     pub fn is_crazyflie(&self) -> bool {
-        self.crazyflie.is_some()
+        self.crtp.board.is_some()
     }
 
     /// Takes bytes of a Crazyflie in.
@@ -34,8 +34,8 @@ impl BoardLink {
             news.push(BoardNews::Back { silent_s });
         }
         self.last_heard = Some(at);
-        let Some(crazyflie) = &mut self.crazyflie else { return };
-        let bad = crazyflie.hear(at, bytes, out, &mut self.told);
+        let Some(crazyflie) = &mut self.crtp.board else { return };
+        let bad = crazyflie.hear(at, bytes, out, &mut self.crtp.told);
         drops.add(DropReason::MavUndecodable, bad);
         self.take_told(at, drops, news);
     }
@@ -47,17 +47,17 @@ impl BoardLink {
         out: &mut Outbox,
         news: &mut Vec<BoardNews>,
     ) {
-        let Some(crazyflie) = &mut self.crazyflie else { return };
-        crazyflie.tick(at, out, &mut self.told);
+        let Some(crazyflie) = &mut self.crtp.board else { return };
+        crazyflie.tick(at, out, &mut self.crtp.told);
         // Time brings words and answers, no samples that could be bad.
         self.take_told(at, &mut Drops::default(), news);
         self.watch_target(at, news);
     }
 
     fn take_told(&mut self, at: HostTime, drops: &mut Drops, news: &mut Vec<BoardNews>) {
-        let mut told = std::mem::take(&mut self.told);
+        let mut told = std::mem::take(&mut self.crtp.told);
         told.drain(..).for_each(|item| self.take_item(at, item, drops, news));
-        self.told = told;
+        self.crtp.told = told;
     }
 
     fn take_item(
@@ -96,7 +96,7 @@ impl BoardLink {
                 news.push(BoardNews::ArmAnswer { arm, accepted, why });
             }
             Told::Restarted => {
-                self.restarts += 1;
+                self.crtp.restarts += 1;
                 self.lateness.clock_restarted();
                 let text = "board has restarted: it is asked and checked anew".to_owned();
                 news.push(BoardNews::Notice { warning: true, text });
@@ -111,7 +111,7 @@ impl BoardLink {
         match self.armed.heartbeat(at, armed) {
             Some(Said::Armed) => news.push(BoardNews::Armed(true)),
             Some(Said::Disarmed) => {
-                if let Some(crazyflie) = &mut self.crazyflie {
+                if let Some(crazyflie) = &mut self.crtp.board {
                     crazyflie.shut();
                 }
                 news.push(BoardNews::Armed(false));

@@ -107,19 +107,13 @@ pub(crate) struct BoardLink {
     clock: BoardClock,
     pace: Pace,
     lateness: Lateness,
-    /// Stamp of the newest sample.
-    stamped_at: HostTime,
-    /// The newest sample of the IMU as it was sent: its stamp, its sensor, what it says.
-    newest_imu: Option<(u64, u8, [[f32; 3]; 2])>,
+    newest: Newest,
     response: Response,
-    sync_sent_us: [u64; SYNC_KEPT],
-    next_sync: HostTime,
-    last_sync: HostTime,
+    sync: Sync,
     next_heartbeat: HostTime,
     streams: Streams,
     checks: Checks,
-    version_tries: u32,
-    next_version: HostTime,
+    version: VersionAsked,
     control: Control,
     target: TargetWatch,
     arming: Arming,
@@ -130,18 +124,48 @@ pub(crate) struct BoardLink {
     /// Our heartbeat is withheld, so that its own failsafe acts.
     mute: bool,
     slow: [SlowFields; SLOW_SETS],
-    /// The newest pressure that is none, as it was sent.
-    odd_pressure: Option<(f64, HostTime)>,
     /// Which of several are flown on, by [`Kind`].
     instances: [Instances; Kind::COUNT],
     events: Events,
     text: TextJoiner,
     stranger: Option<Stranger>,
+    crtp: Crtp,
+}
+
+/// What the board sent last, as it was sent.
+#[derive(Debug, Clone, Copy, Default)]
+struct Newest {
+    /// Stamp of the newest sample.
+    stamped_at: HostTime,
+    /// The newest sample of the IMU: its stamp, its sensor, what it says.
+    imu: Option<(u64, u8, [[f32; 3]; 2])>,
+    /// The newest pressure that is none.
+    odd_pressure: Option<(f64, HostTime)>,
+}
+
+/// When its time was asked for.
+#[derive(Debug, Clone, Copy)]
+struct Sync {
+    sent_us: [u64; SYNC_KEPT],
+    next_at: HostTime,
+    last_at: HostTime,
+}
+
+/// How often its version was asked for, and when it is again.
+#[derive(Debug, Clone, Copy)]
+struct VersionAsked {
+    tries: u32,
+    next_at: HostTime,
+}
+
+/// A board that speaks CRTP.
+#[derive(Debug, Default)]
+struct Crtp {
     /// Where it is one, in place of all that is MAVLink's here.
-    crazyflie: Option<Box<Crazyflie>>,
-    /// What that has told, until it is taken in.
+    board: Option<Box<Crazyflie>>,
+    /// What it has told, until it is taken in.
     told: Vec<Told>,
-    /// How often the clock of a Crazyflie began anew.
+    /// How often its clock began anew.
     restarts: u32,
 }
 
@@ -169,17 +193,13 @@ impl BoardLink {
             clock: BoardClock::default(),
             pace: Pace::default(),
             lateness: Lateness::default(),
-            stamped_at: HostTime::default(),
-            newest_imu: None,
+            newest: Newest::default(),
             response: Response::default(),
-            sync_sent_us: [0; SYNC_KEPT],
-            next_sync: at,
-            last_sync: at,
+            sync: Sync { sent_us: [0; SYNC_KEPT], next_at: at, last_at: at },
             next_heartbeat: at,
             streams: Streams::new(Firmware::Generic, at),
             checks: Checks::new(Firmware::Generic, 1, false, at),
-            version_tries: 0,
-            next_version: at,
+            version: VersionAsked { tries: 0, next_at: at },
             control: Control::default(),
             target: TargetWatch::default(),
             arming: Arming::default(),
@@ -187,14 +207,11 @@ impl BoardLink {
             held: false,
             mute: false,
             slow: Default::default(),
-            odd_pressure: None,
             instances: Default::default(),
             events: Events::default(),
             text: TextJoiner::default(),
             stranger: None,
-            crazyflie: is_crazyflie.then(Box::default),
-            told: Vec::new(),
-            restarts: 0,
+            crtp: Crtp { board: is_crazyflie.then(Box::default), ..Crtp::default() },
         }
     }
 
@@ -213,7 +230,7 @@ impl BoardLink {
 
     /// The newest pressure that is neither in hPa nor in Pa, as it was sent.
     pub fn odd_pressure(&self) -> Option<(f64, HostTime)> {
-        self.odd_pressure
+        self.newest.odd_pressure
     }
 
     /// Its system id, once it was found.
@@ -250,7 +267,7 @@ impl BoardLink {
 
     /// How often its clock began anew.
     pub fn clock_restarts(&self) -> u32 {
-        self.clock.restarts().max(self.restarts)
+        self.clock.restarts().max(self.crtp.restarts)
     }
 
     /// One sigma of the offset of its clock, s.
@@ -275,7 +292,7 @@ impl BoardLink {
 
     /// Why it must not be armed, for people: rates, parameters, vehicle type, line.
     pub fn refusal(&self, at: HostTime) -> Option<String> {
-        if let Some(crazyflie) = &self.crazyflie {
+        if let Some(crazyflie) = &self.crtp.board {
             return crazyflie.refusal().or_else(|| self.slow_radio());
         }
         if let Some(slow) = self.streams.slow() {
@@ -377,7 +394,7 @@ impl BoardLink {
     /// The link was opened again: whatever the board knew of us is gone. Unless it flies, it may
     /// even be another board.
     pub fn restart(&mut self, at: HostTime) {
-        if let Some(crazyflie) = &mut self.crazyflie {
+        if let Some(crazyflie) = &mut self.crtp.board {
             crazyflie.restart();
         }
         if !self.is_armed() {
@@ -388,7 +405,7 @@ impl BoardLink {
         self.pace = Pace::default();
         self.lateness = Lateness::default();
         self.response = Response::default();
-        self.next_sync = at;
+        self.sync.next_at = at;
         self.next_heartbeat = at;
         self.streams.restart(at);
     }
@@ -415,7 +432,7 @@ impl BoardLink {
     fn begin_checks(&mut self, at: HostTime) {
         let system_id = self.system_id.unwrap_or(1);
         self.checks = Checks::new(self.firmware, system_id, self.config.set_parameters, at);
-        (self.version_tries, self.next_version) = (0, at);
+        (self.version.tries, self.version.next_at) = (0, at);
     }
 
     /// Whether this is who we are to the board.
@@ -561,7 +578,7 @@ impl BoardLink {
     }
 
     pub(crate) fn version(&mut self, at: HostTime, m: &AUTOPILOT_VERSION_DATA) {
-        self.version_tries = VERSION_TRIES;
+        self.version.tries = VERSION_TRIES;
         if self.firmware.is_real() {
             self.checks.set_encoding(Encoding::from_capabilities(m.capabilities.bits()), at);
         }
@@ -570,7 +587,7 @@ impl BoardLink {
     /// Work that is due at this time: heartbeat, time, streams, checks, repeated commands.
     pub fn tick(&mut self, at: HostTime, out: &mut Outbox, news: &mut Vec<BoardNews>) {
         self.lateness.tick(at);
-        if self.crazyflie.is_some() {
+        if self.crtp.board.is_some() {
             return self.tick_packets(at, out, news);
         }
         self.streams.measure(at);
@@ -609,9 +626,9 @@ impl BoardLink {
     }
 
     fn ask_version(&mut self, at: HostTime, out: &mut Outbox) {
-        if self.version_tries < VERSION_TRIES && at >= self.next_version {
-            self.version_tries += 1;
-            self.next_version = at.offset_us(VERSION_RETRY_US);
+        if self.version.tries < VERSION_TRIES && at >= self.version.next_at {
+            self.version.tries += 1;
+            self.version.next_at = at.offset_us(VERSION_RETRY_US);
             // AUTOPILOT_VERSION.
             self.send_numbers(MavCmd::MAV_CMD_REQUEST_MESSAGE, [148.0, 0.0], 0, out);
         }

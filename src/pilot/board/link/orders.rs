@@ -24,7 +24,7 @@ impl BoardLink {
     /// Asks the board to arm or disarm. A forced disarm works in the air.
     pub fn command_arm(&mut self, arm: bool, force: bool, at: HostTime) {
         self.armed.ordered(arm);
-        match &mut self.crazyflie {
+        match &mut self.crtp.board {
             Some(crazyflie) => crazyflie.command_arm(arm, force, at),
             None => self.arming.begin(self.firmware, arm, force, at),
         }
@@ -32,7 +32,7 @@ impl BoardLink {
 
     /// The same, after a moment: it has just refused.
     pub fn command_arm_later(&mut self, arm: bool, force: bool, at: HostTime) {
-        if self.crazyflie.is_some() {
+        if self.crtp.board.is_some() {
             return self.command_arm(arm, force, at);
         }
         self.armed.ordered(arm);
@@ -41,7 +41,7 @@ impl BoardLink {
 
     /// Whether an arm or disarm command still waits for its answer or its confirmation.
     pub fn is_commanding(&self) -> bool {
-        match &self.crazyflie {
+        match &self.crtp.board {
             Some(crazyflie) => crazyflie.is_commanding(),
             None => self.arming.is_under_way(),
         }
@@ -177,7 +177,7 @@ impl BoardLink {
         thrust_frac: f64,
         out: &mut Outbox,
     ) {
-        if let Some(crazyflie) = &mut self.crazyflie {
+        if let Some(crazyflie) = &mut self.crtp.board {
             let thrust_frac = crazyflie.setpoint(at, attitude, thrust_frac, out);
             self.response.asked(at, attitude, thrust_frac);
             return self.target.sent(at, attitude, thrust_frac);

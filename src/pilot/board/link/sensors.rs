@@ -183,11 +183,11 @@ impl BoardLink {
         }
         let mapped = self.clock.to_host(FcTime::from_us(board_us)).filter(|t| {
             let age_s = received_at.seconds_since(*t);
-            let goes_on = t.seconds_since(self.stamped_at) > -STAMP_TRUST_S;
+            let goes_on = t.seconds_since(self.newest.stamped_at) > -STAMP_TRUST_S;
             age_s.abs() < STAMP_TRUST_S || (goes_on && (0.0..STAMP_OLDEST_S).contains(&age_s))
         });
         let stamp = mapped.map_or(received_at, |t| t.min(received_at));
-        self.stamped_at = stamp;
+        self.newest.stamped_at = stamp;
         stamp
     }
 
@@ -202,7 +202,7 @@ impl BoardLink {
     /// Whether a sample is the last one once more, stamp and all: a board that hangs says nothing new, however often. A
     /// stamp that has grown too old to be believed would make it one of now.
     fn says_again(&mut self, stamp_us: u64, id: u8, said: [[f32; 3]; 2]) -> bool {
-        self.newest_imu.replace((stamp_us, id, said)) == Some((stamp_us, id, said))
+        self.newest.imu.replace((stamp_us, id, said)) == Some((stamp_us, id, said))
     }
 
     fn highres_imu(
@@ -244,7 +244,7 @@ impl BoardLink {
                     pressure_pa: hpa * 100.0,
                 }));
             } else {
-                self.odd_pressure = Some((raw, at));
+                self.newest.odd_pressure = Some((raw, at));
                 drops.add(DropReason::BadValue, 1);
             }
         }

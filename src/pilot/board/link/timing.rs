@@ -19,15 +19,15 @@ impl BoardLink {
     pub(super) fn ask_time(&mut self, at: HostTime, own: Address, out: &mut Outbox) {
         let doubt = self.lateness.is_in_doubt(at);
         if doubt {
-            self.next_sync = self.next_sync.min(self.last_sync.offset_us(SYNC_FAST_US));
+            self.sync.next_at = self.sync.next_at.min(self.sync.last_at.offset_us(SYNC_FAST_US));
         }
-        if at >= self.next_sync {
+        if at >= self.sync.next_at {
             let calm = self.clock.is_locked() && !doubt;
-            self.next_sync = at.offset_us(if calm { SYNC_SLOW_US } else { SYNC_FAST_US });
-            self.last_sync = at;
+            self.sync.next_at = at.offset_us(if calm { SYNC_SLOW_US } else { SYNC_FAST_US });
+            self.sync.last_at = at;
             self.lateness.asked(at);
-            self.sync_sent_us.rotate_right(1);
-            self.sync_sent_us[0] = at.as_us();
+            self.sync.sent_us.rotate_right(1);
+            self.sync.sent_us[0] = at.as_us();
             let question = MavMessage::TIMESYNC(TIMESYNC_DATA {
                 tc1: 0,
                 ts1: at.as_us().cast_signed().saturating_mul(1000),
@@ -61,7 +61,7 @@ impl BoardLink {
         // An answer, to one of our last questions.
         let sent_us = u64::try_from(m.ts1 / 1000).unwrap_or(0);
         let board_us = u64::try_from(m.tc1 / 1000).unwrap_or(0);
-        match self.sync_sent_us.iter_mut().find(|t| **t == sent_us && sent_us != 0) {
+        match self.sync.sent_us.iter_mut().find(|t| **t == sent_us && sent_us != 0) {
             Some(slot) => {
                 *slot = 0;
                 let sent = HostTime::from_us(sent_us);
