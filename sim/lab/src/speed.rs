@@ -1,13 +1,16 @@
-//! `haltere-lab speed`: what a flight costs in processor time, and what follows of it for a bank and for many machines.
+//! `haltere-lab speed`: what a flight and a message cost in processor time, and what follows of it for a bank and for many machines.
 //!
 //! Each figure is the best of several runs: whatever else the machine does only adds. Two builds are compared on one machine, one
 //! after the other and again, by their ratio.
 
+use std::hint::black_box;
 use std::time::Duration;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use haltere::cli::{print, print_json};
 use haltere_core::frames::Vec3;
+use haltere_dialect::mav::haltere::{HIGHRES_IMU_DATA, HighresImuUpdatedFlags, MavMessage};
+use haltere_dialect::mav_stream::{self, MavSplitter};
 use haltere_gap::bank::fly::fly_observed_into;
 use haltere_gap::bank::make_bank::{BankSize, jittered};
 use haltere_gap::bank::{library, missions};
@@ -19,6 +22,9 @@ use haltere_model::Plant;
 use haltere_model::lockstep::{Lockstep, fly_unsampled};
 use rustix::time::{ClockId, clock_gettime};
 use serde::Serialize;
+
+/// Messages that are read at once: an hour of a board's.
+const MESSAGES: usize = 1_000_000;
 
 /// `haltere-lab speed`
 #[derive(Debug, clap::Args)]
@@ -42,6 +48,8 @@ struct Speed {
     recorded_s: f64,
     /// … and its statistics, s.
     statistics_s: f64,
+    /// A message of MAVLink taken out of its stream, checked and decoded, s.
+    message_s: f64,
     /// Flights of a full bank: without effect, and draws.
     healthy: usize,
     draws: usize,
@@ -83,6 +91,7 @@ fn measure(runs: u32) -> Result<Speed> {
         statistics_of(&trace, &nominal)?;
         Ok(())
     })?;
+    let message_s = message_s(runs)?;
     let (size, library) = (BankSize::default(), library::standard());
     let draws = library.iter().map(|spec| size.draws_of(spec));
     Ok(Speed {
@@ -90,11 +99,35 @@ fn measure(runs: u32) -> Result<Speed> {
         closed_loop_s,
         recorded_s,
         statistics_s,
+        message_s,
         healthy: size.seeds + size.jitter,
         draws: draws.clone().sum(),
         effects: library.len(),
         most_draws: draws.max().unwrap_or(0),
     })
+}
+
+/// The longest message that comes often: samples of a board's IMU.
+fn message_s(runs: u32) -> Result<f64> {
+    let mut one = Vec::new();
+    let sample = HIGHRES_IMU_DATA {
+        zacc: -9.81,
+        fields_updated: HighresImuUpdatedFlags::all(),
+        ..Default::default()
+    };
+    mav_stream::encode(&mut one, 1, 1, 0, &MavMessage::HIGHRES_IMU(sample));
+    let all_s = best_s(runs, || {
+        let (mut splitter, mut read) = (MavSplitter::new(), 0);
+        for _ in 0..MESSAGES {
+            splitter.push(black_box(&one));
+            while let Some(Ok(frame)) = splitter.next() {
+                read += usize::from(black_box(frame.decode()).is_ok());
+            }
+        }
+        ensure!(read == MESSAGES, "{read} of {MESSAGES} messages were read");
+        Ok(())
+    })?;
+    Ok(all_s / MESSAGES as f64)
 }
 
 /// Least processor time of some runs, s.
@@ -119,18 +152,21 @@ impl Speed {
     }
 
     fn table(&self) -> String {
-        let Self { flight_s, closed_loop_s, recorded_s, statistics_s, .. } = *self;
+        let Self { flight_s, closed_loop_s, recorded_s, statistics_s, message_s, .. } = *self;
         let times = |s: f64| format!("{:.0} ms, {:.0} × real time", s * 1e3, flight_s / s);
         let bank_s = self.observed_s() * (self.healthy + self.draws) as f64;
         // Both stages of a bank on more machines than it has parts (docs/CAMPAIGNS.md).
         let least_s = self.observed_s() * (1 + self.most_draws) as f64;
         format!(
             "| on one core | processor time |\n|---|---|\n\
+             | a message of MAVLink | {:.0} ns, {:.1} million a second |\n\
              | closed loop, {flight_s:.0} s of flight, nobody listens | {} |\n\
              | the same recorded, as for a bank | {} |\n\
              | its statistics | {:.0} ms |\n\
              | full bank, {} healthy flights and {} draws, none drawn again | {bank_s:.0} s |\n\
              | the same on {} parts and more, the longest chain of it | {least_s:.0} s |\n",
+            message_s * 1e9,
+            1e-6 / message_s,
             times(closed_loop_s),
             times(recorded_s),
             statistics_s * 1e3,
