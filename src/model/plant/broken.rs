@@ -121,9 +121,7 @@ impl Plant {
                 }
             }
             Fault::Crazyflie(fault) if self.board.inject(self.t_us(), &fault) => {}
-            Fault::Crazyflie(_) => {
-                problems.say("fault: the board is no Crazyflie, or one that another program plays")
-            }
+            Fault::Crazyflie(_) => problems.say("fault: this board cannot have it"),
             Fault::SecondBoard(Some(_)) if self.board.has_deck() => {
                 problems.say("fault: a second board speaks MAVLink, this one is a Crazyflie");
             }
