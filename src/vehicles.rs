@@ -15,7 +15,8 @@ const NOMINAL: &str = "flapper";
 const FILES: [(&str, &str); 1] =
     [("delfly-nimble", include_str!("../sim/vehicles/delfly-nimble.toml"))];
 
-/// Name, text of the vehicle file, of quadrotors: the diagnosis without a simulator balances them, nothing flies them.
+/// Name, text of the vehicle file, of quadrotors: the diagnosis without a simulator balances them, a
+/// Crazyflie's firmware flies them.
 const ROTORCRAFT: [(&str, &str); 2] = [
     ("crazyflie-2.1", include_str!("../sim/rotorcraft/crazyflie-2.1.toml")),
     ("x-quadrotor", include_str!("../sim/rotorcraft/x-quadrotor.toml")),

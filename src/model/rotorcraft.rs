@@ -1,7 +1,7 @@
 //! The vehicle file of a quadrotor: a rigid body with four motors that stand still in it.
 //!
-//! It is what the diagnosis without a simulator balances forces and moments with (`haltere gap diagnose --import`); nothing
-//! here flies. A file of wings is [`crate::vehicle`].
+//! It is what the diagnosis without a simulator balances forces and moments with (`haltere gap diagnose --import`), and what
+//! a Crazyflie's firmware can be flown on (`plant/rotors.rs`). A file of wings is [`crate::vehicle`].
 
 use haltere_core::checks::Problems;
 use haltere_core::checks::schema::Schema;
