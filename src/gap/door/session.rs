@@ -5,6 +5,7 @@ use std::path::Path;
 use super::asked::{Audience, Flights, References, Refused, Simulator, refuse, say_which};
 use super::references::{Accepted, each_once, read, same_survey};
 use crate::attribute::{Attributor, Settings};
+use crate::balance::beside::beside;
 use crate::bank::workshop::{Workshop, WorkshopError};
 use crate::commission::{Fitted, NotCommissioned, begun_with, fitted, not_yet};
 use crate::diagnosis::{Diagnosis, Observed, judge, observed, unreadable};
@@ -202,6 +203,9 @@ impl Session {
     pub fn judge(&self) -> Diagnosis {
         let mut diagnosis =
             judge(&self.workshop, &self.attributor, self.references.len(), &self.seen);
+        if let Ok(observation) = &self.seen.observation {
+            diagnosis.balance = beside(&observation.statistics, &self.references, &diagnosis);
+        }
         diagnosis.remarks.extend(self.fitted.as_ref().map(Fitted::words));
         diagnosis.made_with.log_sha256 = hash_of(&self.seen.flown.path);
         diagnosis.commissioned.clone_from(&self.fitted);
