@@ -7,7 +7,6 @@ use haltere_model::effects::Block;
 use serde::Serialize;
 
 use crate::bank::library;
-use crate::diagnosis::Diagnosis;
 use crate::flight::residuals::StatSpec;
 use crate::flight::statistics::specs;
 use crate::normal::prediction_factor;
@@ -54,8 +53,14 @@ pub struct Beside {
     pub words: String,
 }
 
-/// The balance beside a verdict by the bank; `None` where too few accepted flights are known.
-pub fn beside(flight: &[f64], references: &[Vec<f64>], by_bank: &Diagnosis) -> Option<Beside> {
+/// The balance beside what the bank says: whether there is a gap, and the effects that it names. `None` where too few accepted flights are
+/// known.
+pub fn beside<'a>(
+    flight: &[f64],
+    references: &[Vec<f64>],
+    is_gap: bool,
+    named: impl Iterator<Item = &'a str>,
+) -> Option<Beside> {
     let rows = specs().iter().enumerate().filter(|(_, spec)| BALANCED.contains(&spec.block));
     let known: Vec<(&StatSpec, f64, Vec<f64>)> = rows
         .filter_map(|(place, spec)| {
@@ -90,9 +95,8 @@ pub fn beside(flight: &[f64], references: &[Vec<f64>], by_bank: &Diagnosis) -> O
         })
         .collect();
     apart.sort_by(|a, b| b.over_limit.total_cmp(&a.over_limit));
-    let named = by_bank.effects.iter().filter_map(|effect| Some(library::find(&effect.id)?.block));
-    let named: Vec<Block> = named.collect();
-    let (agree, comparison) = compared(&apart, &named, by_bank.outcome.is_gap());
+    let named: Vec<Block> = named.filter_map(|id| Some(library::find(id)?.block)).collect();
+    let (agree, comparison) = compared(&apart, &named, is_gap);
     let told = apart.iter().take(LISTED).map(|apart| {
         format!("{} ({}) by {:+.3} {}", apart.name, apart.meaning, apart.by, apart.unit)
     });
@@ -154,49 +158,38 @@ fn compared(apart: &[Apart], named: &[Block], is_gap: bool) -> (Option<bool>, St
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnosis::Effect;
-    use crate::outcome::Ending;
 
     /// Ten accepted flights that scatter by 0.1 in every number, and one that has this much more of one.
-    fn said(more: f64, outcome: Ending, ids: &[&str]) -> Beside {
+    fn said(more: f64, is_gap: bool, ids: &[&str]) -> Beside {
         let place = specs().iter().position(|spec| spec.name == "force.z.const").unwrap();
         let row = |k: usize| vec![if k % 2 == 0 { 0.1 } else { -0.1 }; specs().len()];
         let references: Vec<Vec<f64>> = (0..10).map(row).collect();
         let mut flight = vec![0.0; specs().len()];
         flight[place] = more;
-        let effect = |id: &&str| Effect {
-            id: (*id).into(),
-            name: String::new(),
-            probability: 0.9,
-            said: String::new(),
-            parameters: Vec::new(),
-        };
-        let effects = ids.iter().map(effect);
-        let by_bank = Diagnosis { outcome, effects: effects.collect(), ..Diagnosis::default() };
-        beside(&flight, &references, &by_bank).unwrap()
+        beside(&flight, &references, is_gap, ids.iter().copied()).unwrap()
     }
 
     #[test]
     fn prop_the_balance_and_the_bank_are_compared_in_words() {
-        let agree = said(0.0, Ending::NoGap, &[]);
+        let agree = said(0.0, false, &[]);
         assert_eq!((agree.agree, agree.apart.len()), (Some(true), 0));
         assert!(agree.words.ends_with("agree: no gap."), "{}", agree.words);
         // P1 is a loss of thrust, U2 an offset of an anchor.
-        let thrust = said(-9.0, Ending::Named, &["P1"]);
+        let thrust = said(-9.0, true, &["P1"]);
         assert_eq!((thrust.agree, &thrust.apart[0].name[..]), (Some(true), "force.z.const"));
         assert!(
             thrust.words.contains("by -9.000 m/s²") && thrust.words.contains("agree in thrust")
         );
-        assert_eq!(said(0.0, Ending::Named, &["U2"]).agree, None);
-        assert_eq!(said(0.0, Ending::Named, &["P1"]).agree, Some(false));
-        let differ = said(-9.0, Ending::NoGap, &[]);
+        assert_eq!(said(0.0, true, &["U2"]).agree, None);
+        assert_eq!(said(0.0, true, &["P1"]).agree, Some(false));
+        let differ = said(-9.0, false, &[]);
         assert!(differ.words.contains("They differ in thrust"), "{}", differ.words);
-        assert_eq!(said(-9.0, Ending::NotInLibrary, &[]).agree, Some(true));
-        assert!(said(-9.0, Ending::Named, &["U2"]).words.contains("bank names uwb"));
+        assert_eq!(said(-9.0, true, &[]).agree, Some(true));
+        assert!(said(-9.0, true, &["U2"]).words.contains("bank names uwb"));
     }
 
     #[test]
     fn prop_without_accepted_flights_there_is_no_balance() {
-        assert_eq!(beside(&vec![0.0; specs().len()], &[], &Diagnosis::default()), None);
+        assert_eq!(beside(&vec![0.0; specs().len()], &[], false, std::iter::empty()), None);
     }
 }

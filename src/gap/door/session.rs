@@ -204,7 +204,9 @@ impl Session {
         let mut diagnosis =
             judge(&self.workshop, &self.attributor, self.references.len(), &self.seen);
         if let Ok(observation) = &self.seen.observation {
-            diagnosis.balance = beside(&observation.statistics, &self.references, &diagnosis);
+            let named = diagnosis.effects.iter().map(|effect| effect.id.as_str());
+            let is_gap = diagnosis.outcome.is_gap();
+            diagnosis.balance = beside(&observation.statistics, &self.references, is_gap, named);
         }
         diagnosis.remarks.extend(self.fitted.as_ref().map(Fitted::words));
         diagnosis.made_with.log_sha256 = hash_of(&self.seen.flown.path);
