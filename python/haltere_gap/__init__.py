@@ -76,6 +76,8 @@ class Diagnosis:
     shaking: Optional[float]
     #: Probability that nothing has changed.
     nothing: Optional[float]
+    #: Probability that it is another vehicle.
+    another_vehicle: Optional[float]
     #: Smallest size of each kind of cause that these references can show; None: not even the largest.
     can_show: Mapping[str, Optional[float]]
     not_checked: List[str]
@@ -100,12 +102,13 @@ def diagnose(
     kind: Optional[str] = None,
     columns: Optional[os.PathLike] = None,
     report: Optional[os.PathLike] = None,
+    simulator: Optional[str] = None,
     program: Optional[Sequence[str]] = None,
 ) -> Diagnosis:
     """Judges the first flight by the references; the other flights are those that the explanation is tried on.
 
     `vehicle` is a vehicle file, or the name of one (`haltere vehicle list`). Flights are files of a `kind`, or tables. `report` is an HTML
-    page to write, `program` the command in place of `haltere`.
+    page to write, `simulator` a command that flies what causes do (docs/IMPORT.md), `program` the command in place of `haltere`.
     """
     every = [*flights, *references]
     tables = [flight for flight in every if not isinstance(flight, (str, os.PathLike))]
@@ -125,6 +128,7 @@ def diagnose(
         command += ["--vehicle", os.fspath(vehicle)]
         command += ["--columns", os.fspath(columns)] if columns else []
         command += ["--report", os.fspath(report)] if report else []
+        command += ["--simulator", simulator] if simulator else []
         command += [os.fspath(flight) for flight in every[: len(flights)]]
         command += ["--reference", *(os.fspath(flight) for flight in every[len(flights):])]
         ran = subprocess.run(command, text=True, capture_output=True)
@@ -144,6 +148,7 @@ def _diagnosis(raw: Mapping[str, Any]) -> Diagnosis:
         balance=[_of(Axis, axis) for axis in raw.get("balance", [])],
         shaking=raw.get("shaking"),
         nothing=raw.get("nothing"),
+        another_vehicle=raw.get("another_vehicle"),
         can_show={smallest["kind"]: smallest["size"] for smallest in raw.get("can_show", [])},
         not_checked=raw.get("not_checked", []),
         held_out=_of(HeldOut, held_out) if held_out else None,

@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use crate::advice::Advice;
 use crate::attribute::{Attribution, Attributor, Candidate, PairCandidate};
+use crate::balance::beside::Beside;
 use crate::bank::library::whole;
 use crate::bank::workshop::Workshop;
 use crate::commission::Fitted;
@@ -85,6 +86,9 @@ pub struct Diagnosis {
     pub not_testable: Vec<String>,
     /// How far, on held-out flights; absent without any.
     pub shrink: Option<ShrinkResult>,
+    /// The balance of forces by accepted flights alone, and whether it says the same; absent without accepted flights.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub balance: Option<Beside>,
     /// Which constants of the vehicle file differ, where no accepted flights told what the vehicle itself differs by.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub budget: Option<Budget>,

@@ -65,3 +65,30 @@ def test_what_cannot_be_judged_is_told(example):
         diagnose([{name: healthy[0][name] for name in ("t_s", "m1", "m2", "m3")}], healthy, "crazyflie-2.1")
     with pytest.raises(ValueError, match="kind"):
         diagnose(["log00"], ["log01"], "crazyflie-2.1", program=PROGRAM)
+
+
+#: A simulator in which a weak motor is told more, and a load does nothing.
+TINY = """
+import json, sys
+for line in sys.stdin:
+    asked = json.loads(line)
+    told = [0.45 / factor for factor in asked["jitter"]["thrust"]]
+    for effect in asked["effects"]:
+        if effect["id"] == "weak_motor":
+            told[effect["motor"] - 1] /= 1 - effect["size"]
+    rows = [[k / 100, *told, asked["height_m"]] for k in range(1000)]
+    columns = ["t_s", "m1", "m2", "m3", "m4", "height_m"]
+    print("a line that is no answer")
+    print(json.dumps({"flight": asked["flight"], "columns": columns, "rows": rows}), flush=True)
+"""
+
+
+def test_a_tiny_program_flies_what_causes_do(example, tmp_path):
+    tiny = tmp_path / "tiny.py"
+    tiny.write_text(TINY)
+    told = {"references": example["healthy"], "vehicle": "crazyflie-2.1", "program": PROGRAM}
+    found = diagnose(example["weak"], simulator=f"{sys.executable} {tiny}", **told)
+    assert found.raw["simulator"]["flights"] == 27 and found.raw["simulator"]["lost"] == {}
+    assert [cause.id for cause in found.causes] == ["weak_motor M3"]
+    with pytest.raises(GapError, match="no healthy flight of the simulator can be used"):
+        diagnose(example["weak"], simulator=f"{sys.executable} -c pass", **told)

@@ -214,6 +214,7 @@ fn found(flight: &MotorFlight) -> String {
         ("height", is_there(|row| row.height_m)),
         ("speed", is_there(|row| row.speed_mps)),
         ("voltage", is_there(|row| row.supply_v)),
+        ("acceleration", is_there(|row| row.accel_g[2])),
     ];
     let there = beside.iter().filter(|(_, is)| *is).map(|(what, _)| format!(", {what}"));
     format!("{}{}", flight.commands, there.collect::<String>())

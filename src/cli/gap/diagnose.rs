@@ -237,6 +237,9 @@ fn text(d: &Diagnosis) -> String {
     if let Some(explained) = &d.explained {
         let _ = writeln!(out, "EXPLAINED   {}", explained.words());
     }
+    if let Some(balance) = &d.balance {
+        let _ = writeln!(out, "BALANCE     {}", balance.words);
+    }
     for line in d.truth.iter().flat_map(BesideTruth::words) {
         let _ = writeln!(out, "TRUTH       {line}");
     }

@@ -4,8 +4,6 @@ use haltere_model::rotorcraft::{MOTORS, Rotorcraft};
 use nalgebra::{Matrix4, Vector4};
 use serde::Serialize;
 
-use super::flown::Flown;
-
 /// Largest loss of thrust of a motor that is tried: with more of it no vehicle with a reserve of two hovers under control.
 const MOST_LOSS: f64 = 0.45;
 /// Largest load that is tried, as a share of the mass.
@@ -45,12 +43,31 @@ pub struct Cause {
 pub struct Laws<'a> {
     vehicle: &'a Rotorcraft,
     to_balance: Matrix4<f64>,
-    flown: Option<&'a Flown>,
+    flown: Option<&'a Curves>,
+}
+
+/// What causes at one motor add to the balance, by sizes that were flown.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Curves(pub(super) Vec<(Cause, Vec<(f64, Vector4<f64>)>)>);
+
+impl Curves {
+    /// At a size, between those that were flown in proportion; `None` where no flight of it is there.
+    fn adds(&self, kind: Kind, motor: usize, size: f64) -> Option<Vector4<f64>> {
+        let is_it = |cause: &Cause| cause.kind == kind && cause.motors == [motor];
+        let (_, curve) = self.0.iter().find(|(cause, _)| is_it(cause))?;
+        let next = curve.partition_point(|(at, _)| *at < size).min(curve.len().checked_sub(1)?);
+        let (low, from) = match next.checked_sub(1) {
+            Some(before) => curve[before],
+            None => (0.0, Vector4::zeros()),
+        };
+        let (high, to) = curve[next];
+        Some(from + (to - from) * ((size - low) / (high - low)))
+    }
 }
 
 impl<'a> Laws<'a> {
     /// For a vehicle; `None`: its file holds no quadrotor.
-    pub fn of(vehicle: &'a Rotorcraft, flown: Option<&'a Flown>) -> Option<Self> {
+    pub fn of(vehicle: &'a Rotorcraft, flown: Option<&'a Curves>) -> Option<Self> {
         Some(Self { vehicle, to_balance: vehicle.to_balance()?, flown })
     }
 }

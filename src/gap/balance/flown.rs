@@ -13,7 +13,7 @@ use haltere_model::rotorcraft::{MOTORS, Rotorcraft};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 
-use super::causes::{Cause, Kind};
+use super::causes::{Cause, Curves, Kind};
 use super::hover::Hover;
 
 /// Losses of thrust and loads, the latter as shares of the mass, that are flown.
@@ -87,8 +87,8 @@ pub struct Flown {
     pub flights: usize,
     /// Those that are not there, by the reason.
     pub lost: BTreeMap<String, usize>,
-    /// By kind and motor: what sizes, as shares, add to the balance, the smallest first.
-    curves: Vec<(Cause, Vec<(f64, Vector4<f64>)>)>,
+    /// What sizes, as shares, add to the balance, the smallest first.
+    pub curves: Curves,
 }
 
 /// Flies the bank of a vehicle. `fly` is given what to fly, and gives the answer or why there is none.
@@ -127,7 +127,7 @@ pub fn fly_bank(
             }
         }
         if !curve.is_empty() {
-            bank.curves.push((cause, curve));
+            bank.curves.0.push((cause, curve));
         }
     }
     bank.healthy = healthy.into_iter().flatten().collect();
@@ -207,19 +207,6 @@ impl Answer {
 }
 
 impl Flown {
-    /// What a cause at one motor adds to the balance at a size; `None` where no flight of it is there.
-    pub fn adds(&self, kind: Kind, motor: usize, size: f64) -> Option<Vector4<f64>> {
-        let is_it = |cause: &Cause| cause.kind == kind && cause.motors == [motor];
-        let (_, curve) = self.curves.iter().find(|(cause, _)| is_it(cause))?;
-        let next = curve.partition_point(|(at, _)| *at < size).min(curve.len() - 1);
-        let (low, from) = match next.checked_sub(1) {
-            Some(before) => curve[before],
-            None => (0.0, Vector4::zeros()),
-        };
-        let (high, to) = curve[next];
-        Some(from + (to - from) * ((size - low) / (high - low)))
-    }
-
     /// What could not be flown, in words; nothing where all was.
     pub fn lost_words(&self) -> String {
         let told =

@@ -10,10 +10,13 @@
 //! needed, and what is not there is told as not checked. Where the user has a simulator, [`flown`] is what it says that causes do. [`fill`]
 //! is the vehicle file from flights.
 //!
+//! A vehicle that has a bank has a balance too, of forces, actuators and battery: [`beside`] compares what both say.
+//!
 //! Where it is blind: a weak motor and a load at its place ask nearly the same of the motors, since on recorded flights a load at a motor
 //! changes yaw as well. What tells them apart is that a cut propeller shakes; where it does not, they are a set. Thrust that all motors lack
 //! alike is a load in the middle, another battery or other propellers.
 
+pub mod beside;
 pub mod causes;
 pub mod fill;
 pub mod flown;

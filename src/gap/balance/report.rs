@@ -146,7 +146,7 @@ impl<'a> Judge<'a> {
         vehicle: &'a Rotorcraft,
         flown: Option<&'a Flown>,
     ) -> Result<Self, Problems> {
-        let laws = Laws::of(vehicle, flown);
+        let laws = Laws::of(vehicle, flown.map(|flown| &flown.curves));
         let laws = laws.ok_or_else(|| Problems::one("the vehicle file holds no quadrotor"))?;
         let healthy = Healthy::of(references).filter(|_| references.len() >= LEAST_REFERENCES);
         let healthy = healthy.ok_or_else(|| {

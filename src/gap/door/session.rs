@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::asked::{Audience, Flights, References, Refused, Simulator, refuse, say_which};
 use super::references::{Accepted, each_once, read, same_survey};
 use crate::attribute::{Attributor, Settings};
+use crate::balance::beside::beside;
 use crate::bank::workshop::{Workshop, WorkshopError};
 use crate::commission::{Fitted, NotCommissioned, begun_with, fitted, not_yet};
 use crate::diagnosis::{Diagnosis, Observed, judge, observed, unreadable};
@@ -206,6 +207,11 @@ impl Session {
     pub fn judge(&self) -> Diagnosis {
         let mut diagnosis =
             judge(&self.workshop, &self.attributor, self.references.len(), &self.seen);
+        if let Ok(observation) = &self.seen.observation {
+            let named = diagnosis.effects.iter().map(|effect| effect.id.as_str());
+            let is_gap = diagnosis.outcome.is_gap();
+            diagnosis.balance = beside(&observation.statistics, &self.references, is_gap, named);
+        }
         diagnosis.remarks.extend(self.fitted.as_ref().map(Fitted::words));
         diagnosis.made_with.log_sha256 = hash_of(&self.seen.flown.path);
         diagnosis.commissioned.clone_from(&self.fitted);

@@ -53,6 +53,10 @@ pub fn render(d: &Diagnosis) -> String {
         html.push_str("<h2>Where</h2>");
         chain(&mut html, d);
     }
+    if let Some(balance) = &d.balance {
+        html += &html::heading("Beside the bank: the balance");
+        html += &html::note(&balance.words);
+    }
     if let Some(p) = &d.picture {
         html.push_str(&matrix::draw(&p.matrix));
         let _ = write!(
