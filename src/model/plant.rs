@@ -7,14 +7,13 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::board::crazyflie::ANCHORS;
-use crate::board::{Board, BoardRequests, BoardSettings, Outside, Readings, SlowLine};
+use crate::board::{Board, BoardRequests, BoardSettings, Outside, Readings};
 use crate::body::Body;
 use crate::effects::{
     ATTITUDE_PERIOD_S, AttitudeError, Bank, CLOCK_PERIOD_S, Cargo, Delivery, EffectSet, ImuReading,
     STEP_S, State, Supply,
 };
 use crate::faults::CrazyflieFault;
-use crate::line_noise::NoisyLine;
 use crate::magnetometer::Magnetometer;
 use crate::room::Room;
 use crate::rotorcraft::Rotorcraft;
@@ -179,7 +178,7 @@ impl Plant {
         };
         let mut tag_out = Vec::with_capacity(4096);
         let magnetometer = Magnetometer::new(&board.magnetometer, seed);
-        let to_board_line = SlowLine::new(board.manners.baud);
+        let board_baud = board.manners.baud;
         // The board knows the vehicle of the file, not what has become of it; its loops are its own.
         let known = Vehicle { inner_loop: vehicle.inner_loop.clone(), ..nominal };
         let mut board = Board::new(board, &known).with_deck(said_positions(&survey), seed);
@@ -219,14 +218,7 @@ impl Plant {
             contact: Contact::new(&vehicle),
             rotors: None,
             scratch: Vec::with_capacity(4096),
-            wires: Wires {
-                from_tag: NoisyLine::new(seed, "fault-from-tag"),
-                from_board: NoisyLine::new(seed, "fault-from-board"),
-                to_board: NoisyLine::new(seed, "fault-to-board"),
-                to_board_line,
-                tag_out,
-                board_out: Vec::with_capacity(4096),
-            },
+            wires: Wires::new(seed, board_baud, tag_out),
             vehicle,
             room,
             bank,

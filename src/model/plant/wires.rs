@@ -17,6 +17,20 @@ pub(super) struct Wires {
     pub board_out: Vec<u8>,
 }
 
+impl Wires {
+    /// Silent ones, by the board's speed of the line; `tag_out`: what the tag has said already.
+    pub fn new(seed: u64, board_baud: u32, tag_out: Vec<u8>) -> Self {
+        Self {
+            from_tag: NoisyLine::new(seed, "fault-from-tag"),
+            from_board: NoisyLine::new(seed, "fault-from-board"),
+            to_board: NoisyLine::new(seed, "fault-to-board"),
+            to_board_line: SlowLine::new(board_baud),
+            tag_out,
+            board_out: Vec::with_capacity(4096),
+        }
+    }
+}
+
 impl Plant {
     pub(super) fn hear_companion(&mut self, now_us: u64) {
         self.scratch.clear();
