@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
 use crate::attribute::{AttributeError, Attributor, Learned, Settings};
-use crate::bank::archive::Shelf;
 use crate::bank::bank_file::{self, BankFileError};
 use crate::bank::kept_file::{self, Kind};
 use crate::bank::make_bank::{self, BankSize, End, Recipe};
@@ -166,11 +165,6 @@ impl Workshop {
             }
         }
         Ok(attributor)
-    }
-
-    /// Where flights beside the bank are kept.
-    pub fn shelf(&self) -> Shelf {
-        self.folder.as_deref().map_or_else(Shelf::none, Shelf::in_folder)
     }
 
     /// The specification of an effect of the library.

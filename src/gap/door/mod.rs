@@ -140,7 +140,7 @@ fn shrink(
     }
     let all = std::iter::once(&mut named).chain(&mut rivals);
     session.resize(&mut all.collect::<Vec<_>>(), audience);
-    let shelf = session.workshop.shelf();
+    let shelf = session.shelf();
     let r = measure(flights, accepted, &session.told, &named, &rivals, &shelf, |done, of| {
         audience.at("shrink", done, of);
     })?;
@@ -186,7 +186,7 @@ fn draw(session: &Session, diagnosis: &mut Diagnosis, audience: &dyn Audience) {
         &own,
         &session.reference_details,
         &effects.collect::<Vec<_>>(),
-        &session.workshop.shelf(),
+        &session.shelf(),
         |done, of| audience.at("cells", done, of),
     ));
 }
@@ -216,7 +216,7 @@ fn advised(session: &Session, diagnosis: &mut Diagnosis, audience: &dyn Audience
     let experiments = if open.is_settled() {
         Vec::new()
     } else {
-        let shelf = session.workshop.shelf();
+        let shelf = session.shelf();
         let tell = |done, of| audience.at("advice", done, of);
         advise(&session.scene, &open, Effort::Listed, &shelf, tell)
     };

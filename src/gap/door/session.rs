@@ -8,6 +8,7 @@ use super::asked::{Audience, Flights, References, Refused, Simulator, refuse, sa
 use super::references::{Accepted, each_once, read, same_survey};
 use crate::attribute::{Attributor, Settings};
 use crate::balance::beside::beside;
+use crate::bank::archive::Shelf;
 use crate::bank::workshop::{Workshop, WorkshopError};
 use crate::commission::{Fitted, NotCommissioned, begun_with, fitted, not_yet};
 use crate::diagnosis::{Diagnosis, Observed, judge, observed, unreadable};
@@ -203,6 +204,11 @@ fn vehicle_of(
 }
 
 impl Session {
+    /// Where flights beside the bank are kept.
+    pub(super) fn shelf(&self) -> Shelf {
+        self.workshop.folder.as_deref().map_or_else(Shelf::none, Shelf::in_folder)
+    }
+
     /// The verdict.
     pub fn judge(&self) -> Diagnosis {
         let mut diagnosis =
@@ -232,12 +238,8 @@ impl Session {
     /// first.
     pub fn resize(&self, explanations: &mut [&mut Explanation], audience: &dyn Audience) {
         let Ok(observation) = &self.seen.observation else { return };
-        let model = HeldOut::new(
-            &self.scene,
-            &self.workshop.items,
-            &self.references,
-            &self.workshop.shelf(),
-        );
+        let model =
+            HeldOut::new(&self.scene, &self.workshop.items, &self.references, &self.shelf());
         let name = explanations.first().map(|e| e.name.clone()).unwrap_or_default();
         let shares = resize_all(&model, &observation.statistics, explanations, |done, of| {
             audience.at("sizes", done, of);
