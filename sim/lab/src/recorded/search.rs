@@ -161,30 +161,12 @@ fn costs_m2(flights: &[&Flight], config: &EstimatorConfig) -> Vec<f64> {
     reports.iter().map(cost).collect()
 }
 
-/// Writes the table as Markdown.
-pub fn print_left_out(
-    out: &mut impl Write,
-    left_out: &[LeftOut],
-    flown: &EstimatorConfig,
-) -> fmt::Result {
-    writeln!(
-        out,
-        "| left out | whole flight | airborne | worst | diverged | the set: whole | airborne |"
-    )?;
-    writeln!(out, "|---|---|---|---|---|---|---|")?;
-    for l in left_out {
-        writeln!(
-            out,
-            "| {} | {} | {} | {} | {} | {} | {} |",
-            l.report.flight,
-            table::metres(l.report.rmse_3d_m),
-            table::metres(l.report.rmse_3d_airborne_m),
-            table::metres(l.report.worst_m),
-            if l.report.diverged { "yes" } else { "no" },
-            table::metres(l.flown.rmse_3d_m),
-            table::metres(l.flown.rmse_3d_airborne_m),
-        )?;
-    }
+/// Head of the table.
+pub const LEFT_OUT_HEAD: &str = "| left out | whole flight | airborne | worst | diverged | the set: whole | airborne |\n\
+                                 |---|---|---|---|---|---|---|";
+
+/// Medians over the flights, a line for those with an IMU and one for the others, as the last rows of the table.
+pub fn print_medians(out: &mut impl Write, left_out: &[LeftOut]) -> fmt::Result {
     type Figure = fn(&LeftOut) -> Option<f64>;
     for (name, aided) in [("with IMU", true), ("TDOA alone", false)] {
         let median = |of: Figure| {
@@ -200,6 +182,30 @@ pub fn print_left_out(
             median(|l| l.flown.rmse_3d_airborne_m),
         )?;
     }
+    Ok(())
+}
+
+/// Writes the table as Markdown.
+pub fn print_left_out(
+    out: &mut impl Write,
+    left_out: &[LeftOut],
+    flown: &EstimatorConfig,
+) -> fmt::Result {
+    writeln!(out, "{LEFT_OUT_HEAD}")?;
+    for l in left_out {
+        writeln!(
+            out,
+            "| {} | {} | {} | {} | {} | {} | {} |",
+            l.report.flight,
+            table::metres(l.report.rmse_3d_m),
+            table::metres(l.report.rmse_3d_airborne_m),
+            table::metres(l.report.worst_m),
+            if l.report.diverged { "yes" } else { "no" },
+            table::metres(l.flown.rmse_3d_m),
+            table::metres(l.flown.rmse_3d_airborne_m),
+        )?;
+    }
+    print_medians(out, left_out)?;
     writeln!(
         out,
         "\nWhat the searches chose:\n\n| parameter | start | the set | least | most |\n|---|---|---|---|---|"
