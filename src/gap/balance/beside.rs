@@ -162,7 +162,7 @@ mod tests {
     /// Ten accepted flights that scatter by 0.1 in every number, and one that has this much more of one.
     fn said(more: f64, is_gap: bool, ids: &[&str]) -> Beside {
         let place = specs().iter().position(|spec| spec.name == "force.z.const").unwrap();
-        let row = |k: usize| vec![if k % 2 == 0 { 0.1 } else { -0.1 }; specs().len()];
+        let row = |k: usize| vec![if k.is_multiple_of(2) { 0.1 } else { -0.1 }; specs().len()];
         let references: Vec<Vec<f64>> = (0..10).map(row).collect();
         let mut flight = vec![0.0; specs().len()];
         flight[place] = more;

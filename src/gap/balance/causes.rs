@@ -48,7 +48,10 @@ pub struct Laws<'a> {
 
 /// What causes at one motor add to the balance, by sizes that were flown.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Curves(pub(super) Vec<(Cause, Vec<(f64, Vector4<f64>)>)>);
+pub struct Curves(pub(super) Vec<(Cause, Curve)>);
+
+/// Sizes of a cause, and what each does to the balance.
+pub(super) type Curve = Vec<(f64, Vector4<f64>)>;
 
 impl Curves {
     /// At a size, between those that were flown in proportion; `None` where no flight of it is there.
