@@ -5,11 +5,13 @@
 //! program that is late or has ended is not asked again.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::os::unix::process::CommandExt as _;
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
+use rustix::process::{Pid, Signal, kill_process_group};
 
 use haltere_gap::balance::flown::{Answer, Request};
 
@@ -37,6 +39,7 @@ impl OwnSimulator {
             .args(words)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
+            .process_group(0)
             .spawn()
             .with_context(|| format!("--simulator: {program}: cannot be started"))?;
         let pipes = child.stdin.take().zip(child.stdout.take());
@@ -64,9 +67,14 @@ impl OwnSimulator {
         }
         let answer = self.asked(request);
         answer.map_err(|why| {
-            let _ = self.child.kill();
+            self.kill();
             self.gone.insert(why).clone()
         })
+    }
+
+    /// Ends it with all that it has started.
+    fn kill(&self) {
+        let _ = kill_process_group(Pid::from_child(&self.child), Signal::KILL);
     }
 
     fn asked(&mut self, request: &Request<'_>) -> Result<Answer, String> {
@@ -100,7 +108,7 @@ impl OwnSimulator {
 
 impl Drop for OwnSimulator {
     fn drop(&mut self) {
-        let _ = self.child.kill();
+        self.kill();
         let _ = self.child.wait();
     }
 }
@@ -123,6 +131,25 @@ mod tests {
         let file = include_str!("../../../sim/rotorcraft/crazyflie-2.1.toml");
         let vehicle = Rotorcraft::from_toml(file).unwrap();
         fly_bank(&vehicle, &mut |request| simulator.fly(request))
+    }
+
+    #[test]
+    fn regress_what_a_program_has_started_ends_with_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let pid = folder.path().join("pid");
+        let script = format!("sleep 600 &\necho $! > {}\nwait\n", pid.display());
+        flown(&script).unwrap_err();
+        let pid = std::fs::read_to_string(pid).unwrap();
+        // Nobody takes its end before init does.
+        let runs = || {
+            let stat = std::fs::read_to_string(format!("/proc/{}/stat", pid.trim()));
+            stat.is_ok_and(|stat| !stat.contains(") Z "))
+        };
+        let begun = Instant::now();
+        while runs() && begun.elapsed() < Duration::from_secs(5) {
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        assert!(!runs());
     }
 
     /// Ten seconds of hover in lines of the shell, with a fourth motor that carries more.
