@@ -98,7 +98,10 @@ pub fn beside<'a>(
     let named: Vec<Block> = named.filter_map(|id| Some(library::find(id)?.block)).collect();
     let (agree, comparison) = compared(&apart, &named, is_gap);
     let told = apart.iter().take(LISTED).map(|apart| {
-        format!("{} ({}) by {:+.3} {}", apart.name, apart.meaning, apart.by, apart.unit)
+        let unit = if apart.unit == "1" { "" } else { apart.unit };
+        format!("{} ({}) by {:+.3} {unit}", apart.name, apart.meaning, apart.by)
+            .trim_end()
+            .to_owned()
     });
     let told: Vec<String> = told.collect();
     let found = match told.is_empty() {
@@ -106,7 +109,7 @@ pub fn beside<'a>(
         false => format!("beyond what accepted flights scatter by: {}", told.join("; ")),
     };
     let words = format!(
-        "Balance of forces, actuators and battery by accepted flights alone, nothing simulated: {found}. {comparison}"
+        "Forces, actuators and battery beside accepted flights alone, nothing simulated: {found}. {comparison}"
     );
     Some(Beside { looked_at: known.len(), apart, agree, words })
 }
