@@ -147,11 +147,13 @@ struct Pending {
 /// When the vehicle was on the floor, or near it.
 #[derive(Debug, Clone, Copy, Default)]
 struct Floor {
+    /// When its IMU was last heard while it was not said to fly.
     rested_at: HostTime,
     /// When it last had rested long enough to be sure of it.
     stood_at: Option<HostTime>,
     /// When the floor last was taken to hide anchors.
     hidden_at: HostTime,
+    /// When its estimate was last high enough above the floor for no anchor to be hidden.
     above_at: HostTime,
     /// Height at the start as TDOA alone had it, where a known height was taken, m.
     start_height_by_uwb_m: Option<f64>,

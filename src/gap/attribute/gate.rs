@@ -31,7 +31,7 @@ const OF_ONE_HOUR: f64 = 10.0;
 const OF_SEVERAL: f64 = 20.0;
 
 /// How many times as much other flights scatter as these accepted ones.
-pub(super) fn other_hours(accepted: usize) -> f64 {
+pub(crate) fn other_hours(accepted: usize) -> f64 {
     let of_one = (OF_SEVERAL - accepted as f64) / (OF_SEVERAL - OF_ONE_HOUR);
     1.0 + (OTHER_HOURS - 1.0) * of_one.clamp(0.0, 1.0)
 }

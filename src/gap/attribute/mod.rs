@@ -33,6 +33,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use self::blocks::Groups;
+pub(crate) use self::gate::other_hours;
 use self::library::{Library, Part};
 pub use self::rungs::Rungs;
 use self::teachers::Teachers;

@@ -6,6 +6,7 @@
 use haltere_model::effects::Block;
 use serde::Serialize;
 
+use crate::attribute::{Settings, other_hours};
 use crate::bank::library;
 use crate::flight::residuals::StatSpec;
 use crate::flight::statistics::specs;
@@ -13,11 +14,6 @@ use crate::normal::prediction_factor;
 
 /// Blocks that a balance is of.
 const BALANCED: [Block; 4] = [Block::Actuators, Block::Thrust, Block::Aerodynamics, Block::Battery];
-/// Share of healthy flights of which any number sticks out, as of the gate (docs/GAP.md 2.5).
-const FALSE_ALARM: f64 = 0.02;
-/// Up to so many accepted flights are taken for flights of one hour, and those that are judged may scatter twice as much (the same).
-const ONE_HOUR: usize = 10;
-const APART: f64 = 2.0;
 /// Fewest accepted flights in which a number is known.
 const LEAST_KNOWN: usize = 8;
 /// Numbers that are listed.
@@ -73,15 +69,16 @@ pub fn beside<'a>(
     if known.is_empty() {
         return None;
     }
-    let share = 1.0 - 0.5 * FALSE_ALARM / known.len() as f64;
+    // Of so many healthy flights any number sticks out, up or down, as many as the gate lets through.
+    let share = 1.0 - 0.5 * Settings::default().false_alarm / known.len() as f64;
     let mut apart: Vec<Apart> = known
         .iter()
         .filter_map(|(spec, value, of)| {
             let n = of.len() as f64;
             let mean = of.iter().sum::<f64>() / n;
             let variance = of.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0);
-            let hours = if of.len() <= ONE_HOUR { APART } else { 1.0 };
-            let limit = hours * prediction_factor(share, of.len()) * variance.sqrt();
+            let limit =
+                other_hours(of.len()) * prediction_factor(share, of.len()) * variance.sqrt();
             let (by, over_limit) =
                 (value - mean, (value - mean).abs() / limit.max(spec.resolution));
             (over_limit > 1.0).then(|| Apart {
@@ -117,9 +114,8 @@ pub fn beside<'a>(
 /// Whether both say the same, and in words.
 fn compared(apart: &[Apart], named: &[Block], is_gap: bool) -> (Option<bool>, String) {
     let blocks = |of: &[&str]| {
-        let mut of = of.to_vec();
-        of.dedup();
-        of.join(", ")
+        let named = Block::CHAIN.iter().map(|block| block.name()).filter(|name| of.contains(name));
+        named.collect::<Vec<_>>().join(", ")
     };
     let by_bank: Vec<&str> = named.iter().map(|block| block.name()).collect();
     let by_balance: Vec<&str> = apart.iter().map(|apart| apart.block).collect();

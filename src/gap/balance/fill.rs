@@ -11,11 +11,10 @@ use serde::Serialize;
 use super::hover::{Hover, levels};
 use super::weigh::Healthy;
 use crate::accept::{EditError, set_key};
+use crate::normal::quantile;
 
 /// Fewest flights: of fewer nothing is known of what they scatter by.
 pub const LEAST_FLIGHTS: usize = 3;
-/// Ends of a central 90 %, in sigma.
-const CENTRAL_90: f64 = 1.645;
 /// The power of the voltage is shown where its interval is this narrow to each side: half of what tells 1 from 2.
 const SHOWN: f64 = 0.5;
 /// A file is not changed by less: thrust of one per cent where the voltage is a tenth lower.
@@ -95,13 +94,21 @@ pub fn fill(flights: &[MotorFlight], vehicle: &Rotorcraft) -> Result<Filled, Pro
     // The balance is the logarithm of the share of the full thrust that carries the weight.
     let at = |sigmas: f64| each_n / (healthy.mean()[0] - sigmas * healthy.sigma()[0]).exp();
     let (file, value) = (vehicle.thrust.full_n, at(0.0));
-    let (low, high) = (at(-CENTRAL_90), at(CENTRAL_90));
+    let z90 = quantile(0.95);
+    let (low, high) = (at(-z90), at(z90));
     constants.insert(0, Constant { key: "full_n", file, value, low, high });
     Ok(Filled { flights: flights.len(), constants, as_the_file })
 }
 
 /// The power of the voltage by which thrust goes, with half of its central 90 %: how the commands rise as the pack of a flight
 /// empties. What flights differ by among one another does not count, and their own slopes say how well it is known.
+///
+/// ```text
+/// e = -Σ_f P_f / Σ_f Q_f,   P = Σ (x - x̄)(y - ȳ),   Q = Σ (x - x̄)²
+/// σ² = n / (n - 1) · Σ_f (P_f + e Q_f)² / (Σ_f Q_f)²
+/// ```
+/// Over the pieces of a flight f of n: x the logarithm of the voltage over the nominal one, y that of the share of the full thrust,
+/// both without unit. σ is the standard error of a slope that is pooled over clusters (Liang and Zeger 1986).
 fn voltage_exponent(flights: &[MotorFlight], vehicle: &Rotorcraft) -> Option<[f64; 2]> {
     let sums: Vec<[f64; 2]> = flights
         .iter()
@@ -123,7 +130,7 @@ fn voltage_exponent(flights: &[MotorFlight], vehicle: &Rotorcraft) -> Option<[f6
     let slope = sums.iter().map(|sum| sum[1]).sum::<f64>() / spread;
     let n = sums.len() as f64;
     let apart: f64 = sums.iter().map(|sum| (sum[1] - slope * sum[0]).powi(2)).sum();
-    let half = CENTRAL_90 * (apart * n / (n - 1.0)).sqrt() / spread;
+    let half = quantile(0.95) * (apart * n / (n - 1.0)).sqrt() / spread;
     (half < SHOWN).then_some([slope, half])
 }
 

@@ -1,10 +1,14 @@
 //! Four rotors on a rigid body, for a firmware whose mixer knows no wings: in the place of wings and servos.
 //!
 //! ```text
-//! T_i' = (T_full u_i^e - T_i) / τ         thrust of a motor after its command u
-//! F    = (0, 0, -Σ T_i) - m d v           d drag over mass, v airspeed, body
-//! M    = Σ r_i × (0, 0, -T_i) ± κ T_i     κ torque over thrust, + of a motor that turns counter-clockwise
+//! T_i' = (T_full u_i^e - T_i) / τ           thrust of motor i after its command u_i, N
+//! F    = (0, 0, -Σ T_i) - m d v             force, N
+//! M    = Σ r_i × (0, 0, -T_i) ± κ T_i e_z   torque about the centre of mass, N m
 //! ```
+//! Body frame: x forward, y right, z down. `T_full` N, `e`, `d` 1/s by axis, `m` kg and `κ` m, torque over thrust, are the vehicle file's
+//! (`full_n`, `command_exponent`, `drag_per_s`, `mass_kg`, `torque_m`), `r_i` m the place of the motor, `v` m/s the airspeed, `τ` s the
+//! lag; + of a motor that turns counter-clockwise from above. The numbers' sources stand in the file.
+//!
 //! Without ground effect, without any effect of the library: those are of wings. The pack does not run down.
 
 use nalgebra::Vector3;
