@@ -119,6 +119,8 @@ fn compared(apart: &[Apart], named: &[Block], is_gap: bool) -> (Option<bool>, St
     };
     let by_bank: Vec<&str> = named.iter().map(|block| block.name()).collect();
     let by_balance: Vec<&str> = apart.iter().map(|apart| apart.block).collect();
+    let is_force =
+        |block: &&str| [Block::Thrust, Block::Aerodynamics].iter().any(|of| of.name() == *block);
     match (is_gap, apart.is_empty()) {
         (false, true) => (Some(true), "The bank and it agree: no gap.".into()),
         (false, false) => {
@@ -140,6 +142,10 @@ fn compared(apart: &[Apart], named: &[Block], is_gap: bool) -> (Option<bool>, St
                 blocks(&by_balance)
             ),
         ),
+        // A balance of forces has the accelerometer on its other side.
+        (true, false) if named.contains(&Block::Imu) && by_balance.iter().any(is_force) => {
+            (Some(true), "They agree: what an accelerometer reads wrongly shows as a force.".into())
+        }
         (true, false) => match by_bank.iter().find(|block| by_balance.contains(block)) {
             Some(block) => (Some(true), format!("The bank and it agree in {block}.")),
             None => (
@@ -185,6 +191,8 @@ mod tests {
         assert!(differ.words.contains("They differ in thrust"), "{}", differ.words);
         assert_eq!(said(-9.0, true, &[]).agree, Some(true));
         assert!(said(-9.0, true, &["U2"]).words.contains("bank names uwb"));
+        // M6 shifts the accelerometer, which is held against the forces.
+        assert_eq!(said(-9.0, true, &["M6"]).agree, Some(true));
     }
 
     #[test]
