@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::bank::fly::fly_observed;
-use crate::bank::make_bank::jittered;
+use crate::bank::jitter::jittered;
 use crate::bank::missions;
 use crate::flight::residuals::Flight;
 use crate::flight::statistics::{observe, specs};

@@ -13,9 +13,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::bank::bank_file::{Row, from_disk, to_disk};
 use crate::bank::fly::fly_observed_into;
+use crate::bank::jitter::jittered;
 use crate::bank::kept_file::{self, Kind};
 use crate::bank::library::with_effect;
-use crate::bank::make_bank::jittered;
 use crate::flight::statistics::statistics_of;
 use crate::flight::trace::Trace;
 use crate::nominal::Nominal;

@@ -5,11 +5,13 @@ pub mod archive;
 pub mod axis;
 pub mod bank_file;
 pub mod fly;
+pub mod jitter;
 pub mod kept_file;
 pub mod library;
 pub mod make_bank;
 pub mod missions;
 pub(crate) mod not_flown;
+pub mod one_flight;
 pub mod parts;
 pub mod workshop;
 

@@ -6,7 +6,8 @@
 use haltere_model::Vehicle;
 
 use crate::bank::fly::MOST_LIMIT_S;
-use crate::bank::make_bank::{End, Recipe, flown_by};
+use crate::bank::make_bank::{Recipe, flown_by};
+use crate::bank::one_flight::End;
 
 /// Flights for each number: enough to tell "most of them" from "none" (judgement).
 const FLIGHTS: usize = 6;

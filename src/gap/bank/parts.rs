@@ -14,9 +14,10 @@ use crate::bank::bank_file::{
 };
 use crate::bank::kept_file::{self, Kind};
 use crate::bank::make_bank::{
-    Begun, EffectRows, End, Made, NullRow, Part, Recipe, begin, end, flights_with, flights_without,
+    Begun, EffectRows, Made, NullRow, Part, Recipe, begin, end, flights_with, flights_without,
     fly_effects, fly_nulls,
 };
+use crate::bank::one_flight::End;
 use crate::bank::workshop::{WorkshopError, enough, key};
 
 const PIECE: Kind = Kind { what: "piece of a bank", magic: b"HALTPIEC", version: 1 };

@@ -36,8 +36,8 @@ use serde::Serialize;
 
 use crate::bank::Bank;
 use crate::bank::fly::fly_observed_into;
+use crate::bank::jitter::jittered;
 use crate::bank::kept_file::fnv;
-use crate::bank::make_bank::jittered;
 use crate::flight::logs::Flown;
 use crate::flight::statistics::{specs, statistics_of};
 use crate::flight::trace::Trace;

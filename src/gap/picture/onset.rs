@@ -243,8 +243,8 @@ fn louder(standards: &[Standard], t0: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bank::jitter::jittered;
     use crate::bank::library;
-    use crate::bank::make_bank::jittered;
     use crate::bank::missions;
     use crate::flight::trace::Trace;
     use crate::nominal::Nominal;
