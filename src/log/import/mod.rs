@@ -4,7 +4,7 @@
 //! comes out is in our frames (NED, FRD) and SI. `docs/IMPORT.md` describes the layout of our own.
 
 pub mod boards;
-mod bounded;
+pub mod bounded;
 pub mod columns;
 pub mod dataflash;
 pub mod events;
@@ -16,6 +16,5 @@ pub mod stand;
 pub mod truth;
 pub mod ulog;
 pub mod usdlog;
-pub mod util;
 
 pub use recording::{Error, Recording, Row, Skipped};

@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use clap::Args;
 
+use crate::util_flights::file::{Flight, load_located};
 use haltere::cli::{print, print_json};
-use haltere_log::import::util::{Flight, load_located};
 
 use crate::lines_of_sight::{Limit, report, watch};
 

@@ -1,9 +1,9 @@
 //! What is done to a recording: exactly what a sensor would have told, had it been so.
 
+use crate::util_flights::file::{Event, Flight, Sample};
 use haltere_core::frames::{E, Vec3};
 use haltere_core::measure::AnchorId;
 use haltere_core::time::HostTime;
-use haltere_log::import::util::{Event, Flight, Sample};
 use haltere_log::import::{Recording, Row};
 use nalgebra::Vector3;
 use serde::Serialize;

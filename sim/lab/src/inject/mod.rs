@@ -15,11 +15,11 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use crate::util_flights::file::{Flight, load_located};
 use clap::Args;
 use haltere::cli::{print, print_json};
 use haltere_core::time::HostTime;
 use haltere_gap::flight::seal::digest;
-use haltere_log::import::util::{Flight, load_located};
 use haltere_log::import::{Recording, flapper};
 use nalgebra::Vector3;
 use rayon::prelude::*;

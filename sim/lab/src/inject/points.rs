@@ -3,10 +3,10 @@
 
 use std::collections::BTreeMap;
 
+use crate::util_flights::file::{Flight, Sample};
 use haltere_core::frames::{B, E, Vec3, gravity_E_mps2};
 use haltere_core::measure::ReferencePose;
 use haltere_core::time::HostTime;
-use haltere_log::import::util::{Flight, Sample};
 use haltere_log::import::{Recording, motion};
 use nalgebra::Vector3;
 

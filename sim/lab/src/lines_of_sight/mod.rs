@@ -15,10 +15,10 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 use serde::Serialize;
 
+use crate::util_flights::file::{Flight, Sample};
 use haltere_core::frames::{B, E, Rot, Vec3, body_from_flu, survey_from_earth};
 use haltere_core::measure::{AnchorId, ReferencePose};
 use haltere_core::time::HostTime;
-use haltere_log::import::util::{Flight, Sample};
 use split::{PairResidual, split};
 
 /// Length of a window, s: some 45 readings of each pair in TDOA2, 8 in TDOA3.

@@ -1,8 +1,8 @@
 //! Blocked lines of sight on a made flight: a circle among eight anchors, one blocked on one side.
 
+use crate::util_flights::file::{Event, load_located};
 use haltere_core::measure::Tdoa;
 use haltere_core::survey::Survey;
-use haltere_log::import::util::{Event, load_located};
 use haltere_model::random::Stream;
 
 use super::*;

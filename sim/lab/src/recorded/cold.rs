@@ -6,11 +6,11 @@ use std::fmt::{self, Write};
 use serde::Serialize;
 
 use crate::util_flights::airborne::Activity;
+use crate::util_flights::file::{Flight, Sample};
 use crate::util_flights::table;
 use haltere_core::estimate::Health;
 use haltere_core::estimator::{Estimator, EstimatorConfig};
 use haltere_core::measure::ImuSample;
-use haltere_log::import::util::{Flight, Sample};
 
 /// Starts in the air are this far apart, s.
 const EVERY_S: f64 = 4.0;

@@ -2,9 +2,9 @@
 
 use std::fmt::Write as _;
 
+use crate::util_flights::file::Flight;
 use crate::util_flights::{Consistency, FlightReport, run_flight, table};
 use haltere_core::estimator::EstimatorConfig;
-use haltere_log::import::util::Flight;
 
 use super::cold::{ColdReport, cold_starts, print_cold};
 use super::floor::floor_check;

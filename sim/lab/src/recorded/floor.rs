@@ -1,7 +1,7 @@
 //! The survey check on the floor of the recorded rooms, before the lift-off.
 
+use crate::util_flights::file::{Flight, Sample};
 use haltere_core::estimator::{AnchorCheck, AnchorFit};
-use haltere_log::import::util::{Flight, Sample};
 
 /// Higher than this over the first pose it flies, m.
 const LIFTED_M: f64 = 0.1;

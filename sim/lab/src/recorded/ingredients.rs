@@ -4,9 +4,9 @@ use std::fmt::{self, Write};
 
 use serde::Serialize;
 
+use crate::util_flights::file::Flight;
 use crate::util_flights::{FlightReport, Flown, run_flight, table};
 use haltere_core::estimator::{EstimatorConfig, SpecificForce, Tail, UwbNoise};
-use haltere_log::import::util::Flight;
 
 /// A filter with something changed.
 struct Variant {

@@ -2,6 +2,7 @@
 
 use std::fmt::{self, Write};
 
+use crate::util_flights::file::{Flight, Sample};
 use crate::util_flights::run_traced;
 use haltere_core::estimate::Health;
 use haltere_core::estimator::EstimatorConfig;
@@ -9,7 +10,6 @@ use haltere_core::frames::{E, Vec3};
 use haltere_core::measure::Tdoa;
 use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
-use haltere_log::import::util::{Flight, Sample};
 
 /// An estimate is wrong beyond this, m …
 const WRONG_M: f64 = 1.0;

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use crate::paths::mission;
+use crate::util_flights::file::{Event, Flight, Sample};
 use haltere_core::frames::{E, Vec3};
 use haltere_core::measure::{AnchorId, ReferencePose};
 use haltere_core::time::HostTime;
 use haltere_core::topics::Topic;
-use haltere_log::import::util::{Event, Flight, Sample};
 use haltere_model::PlantConfig;
 use haltere_model::effects::{EffectConfig, EffectSet};
 use haltere_model::lockstep::{Lockstep, fly_watched};

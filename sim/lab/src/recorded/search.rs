@@ -12,9 +12,9 @@ use std::fmt::{self, Write};
 
 use serde::Serialize;
 
+use crate::util_flights::file::Flight;
 use crate::util_flights::{FlightReport, run_flight, table};
 use haltere_core::estimator::{AnchorBias, EstimatorConfig, GateConfig, IsolationConfig, Quality};
-use haltere_log::import::util::Flight;
 
 /// Error that a flight without a figure or with a divergence counts as, m.
 const DIVERGED_M: f64 = 5.0;

@@ -2,11 +2,11 @@
 
 use std::fmt::{self, Write};
 
+use super::file::Flight;
 use super::{FlightReport, run_flight, run_told};
 use haltere::sources::{Origin, Recorded, Sources, VehicleKeys, load_with_origins};
 use haltere_core::checks::Problems;
 use haltere_core::estimator::EstimatorConfig;
-use haltere_log::import::util::Flight;
 use haltere_log::record::LogReader;
 use haltere_pilot::settings::Config;
 use haltere_pilot::{FlightConfig, PilotConfig};

@@ -12,6 +12,7 @@
 pub mod airborne;
 mod clock;
 mod consistency;
+pub mod file;
 mod flown;
 mod own;
 mod score;
@@ -24,13 +25,13 @@ use serde::Serialize;
 
 use airborne::Activity;
 pub use consistency::Consistency;
+use file::{Error, Flight, Sample, load_located};
 pub use flown::{Flown, quadrotor};
 use haltere_core::drops::DropReason;
 use haltere_core::estimate::Estimate;
 use haltere_core::estimator::{Counts, Estimator, EstimatorConfig, Motion};
 use haltere_core::measure::{ImuSample, ReferencePose};
 use haltere_core::time::HostTime;
-use haltere_log::import::util::{Error, Flight, Sample, load_located};
 pub use own::{Beside, logs, run_log};
 use score::Score;
 pub use table::{print_table, print_truth};
@@ -232,7 +233,6 @@ fn run_told(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use haltere_log::import::util::load;
 
     fn run(dir: &Path, config: &EstimatorConfig) -> Result<Vec<FlightReport>, Error> {
         Ok(load_all(dir)?.iter().map(|flight| run_flight(flight, config)).collect())
@@ -291,7 +291,7 @@ mod tests {
             println!("skipped: no data");
             return;
         };
-        let flights = load(&dir.join("full")).unwrap();
+        let flights = load_located(&dir.join("full")).unwrap();
         let flight = &flights[0];
         // The vehicle stands level: gravity is felt along -z, and it looks along the survey's x,
         // which is room east.

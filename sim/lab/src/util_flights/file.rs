@@ -9,7 +9,6 @@ use std::path::{Path, PathBuf};
 use flate2::read::GzDecoder;
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use super::bounded::Bounded;
 use haltere_core::checks::Problems;
 use haltere_core::estimator::standard_pressure_pa;
 use haltere_core::frames::{
@@ -18,6 +17,8 @@ use haltere_core::frames::{
 use haltere_core::measure::{AnchorId, BaroSample, ReferencePose, Tdoa};
 use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
+use haltere_log::import::bounded::Bounded;
+use haltere_log::{intake, log_file};
 
 /// Stamps of the recording begin at 0; ours begin here, so that nothing is before the beginning.
 const FIRST_US: f64 = 1e6;
@@ -123,20 +124,15 @@ impl Flight {
     }
 }
 
-/// Reads every flight with IMU in a folder, in the order of their names. `anchors.csv` lies in the
-/// folder or in the one above.
-pub fn load(dir: &Path) -> Result<Vec<Flight>, Error> {
-    load_folder(dir, Needs::Imu)
-}
-
 /// Reads a flight, or every flight of a folder, that has TDOA and motion capture, be it of the
-/// position alone (then `ReferencePose::attitude` is `None`).
+/// position alone (then `ReferencePose::attitude` is `None`), in the order of their names. `anchors.csv` lies in the folder or
+/// in the one above.
 pub fn load_located(path: &Path) -> Result<Vec<Flight>, Error> {
     if path.is_dir() {
-        return load_folder(path, Needs::Position);
+        return load_folder(path);
     }
     let anchors = anchors_near(path.parent().unwrap_or(Path::new(".")));
-    let flight = load_flight(path, &anchors, Needs::Position)?;
+    let flight = load_flight(path, &anchors)?;
     flight.map(|f| vec![f]).ok_or_else(|| Error::Empty(path.into()))
 }
 
@@ -145,7 +141,7 @@ fn anchors_near(dir: &Path) -> PathBuf {
     if beside.exists() { beside } else { dir.join("..").join("anchors.csv") }
 }
 
-fn load_folder(dir: &Path, needs: Needs) -> Result<Vec<Flight>, Error> {
+fn load_folder(dir: &Path) -> Result<Vec<Flight>, Error> {
     let mut paths: Vec<PathBuf> = std::fs::read_dir(dir)
         .and_then(|entries| entries.map(|e| e.map(|e| e.path())).collect())
         .map_err(|source| Error::Io { path: dir.into(), source })?;
@@ -154,7 +150,7 @@ fn load_folder(dir: &Path, needs: Needs) -> Result<Vec<Flight>, Error> {
     let anchors = anchors_near(dir);
     let mut flights = Vec::new();
     for path in paths {
-        flights.extend(load_flight(&path, &anchors, needs)?);
+        flights.extend(load_flight(&path, &anchors)?);
     }
     if flights.is_empty() {
         return Err(Error::Empty(dir.into()));
@@ -171,19 +167,10 @@ fn constellation(name: &str) -> &str {
     }
 }
 
-/// What a recording must hold beside TDOA.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Needs {
-    /// IMU and full pose.
-    Imu,
-    /// Pose, or position alone.
-    Position,
-}
-
 /// A flight; `None` when the recording does not hold what is needed.
-fn load_flight(path: &Path, anchors: &Path, needs: Needs) -> Result<Option<Flight>, Error> {
+fn load_flight(path: &Path, anchors: &Path) -> Result<Option<Flight>, Error> {
     let io = |source| Error::Io { path: path.into(), source };
-    let packed = crate::intake::open(path).map_err(io)?;
+    let packed = intake::open(path).map_err(io)?;
     let mut lines = BufReader::new(Bounded::new(GzDecoder::new(packed))).lines();
     let header = lines.next().transpose().map_err(io)?.unwrap_or_default();
     let columns: Vec<&str> = header.trim().split(',').collect();
@@ -197,14 +184,10 @@ fn load_flight(path: &Path, anchors: &Path, needs: Needs) -> Result<Option<Fligh
         .filter_map(|s| columns.iter().position(|c| *c == s.clock()).map(|at| (s, at)))
         .collect();
     let has = |wanted| streams.iter().any(|(s, _)| *s == wanted);
-    let enough = match needs {
-        Needs::Imu => has(Stream::Acc) && has(Stream::Gyro) && has(Stream::Pose),
-        Needs::Position => has(Stream::Pose) || has(Stream::Position),
-    };
-    if !(enough && has(Stream::Tdoa)) {
+    if !(has(Stream::Tdoa) && (has(Stream::Pose) || has(Stream::Position))) {
         return Ok(None);
     }
-    let file = crate::log_file::shown_name(path);
+    let file = log_file::shown_name(path);
     let name = file.trim_end_matches(".csv.gz").to_owned();
     let survey = load_survey(anchors, constellation(&name))?;
     let mut events = Vec::new();
