@@ -215,10 +215,6 @@ impl<To, From> Rot<To, From> {
         let q = self.raw;
         f64::atan2(2.0 * (q.w * q.k + q.i * q.j), 1.0 - 2.0 * (q.j * q.j + q.k * q.k))
     }
-    /// From a rotation vector (axis times angle, rad).
-    pub fn from_rotation_vector_rad(v: Vector3<f64>) -> Self {
-        Self::from_raw(UnitQuaternion::from_scaled_axis(v))
-    }
 }
 
 impl<To, From> Clone for Rot<To, From> {

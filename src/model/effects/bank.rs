@@ -112,11 +112,6 @@ impl Bank {
         self.effects.iter().map(|(spec, _)| spec.id)
     }
 
-    /// Whether any effect acts at `stage`.
-    pub fn acts_at(&self, stage: Stage) -> bool {
-        !self.stages[stage as usize].is_empty()
-    }
-
     fn push(&mut self, spec: &'static EffectSpec, effect: Box<dyn Effect>) {
         if effect.stages().is_empty() {
             return;
