@@ -191,11 +191,6 @@ impl<W: World> Lockstep<W> {
         &mut self.pilot
     }
 
-    /// Bytes to the first ground endpoint.
-    pub fn ground_in(&mut self, bytes: &[u8]) {
-        self.ground_in_at(0, bytes);
-    }
-
     /// Bytes to a ground endpoint.
     pub fn ground_in_at(&mut self, n: u8, bytes: &[u8]) {
         let link = LinkId::Ground(n);
@@ -215,22 +210,12 @@ impl<W: World> Lockstep<W> {
         self.carry();
     }
 
-    /// Bytes from the first ground endpoint since the last call of [`Lockstep::clear_ground_out`].
-    pub fn ground_out(&self) -> &[u8] {
-        self.ground_out_of(0)
-    }
-
-    /// The same of any ground endpoint.
+    /// Bytes from a ground endpoint since the last call of [`Lockstep::clear_ground_out_of`].
     pub fn ground_out_of(&self, n: u8) -> &[u8] {
         self.ground_out.get(usize::from(n)).map_or(&[], Vec::as_slice)
     }
 
-    /// Forgets what the ground endpoints sent.
-    pub fn clear_ground_out(&mut self) {
-        self.ground_out.iter_mut().for_each(Vec::clear);
-    }
-
-    /// Forgets what one of them sent.
+    /// Forgets what it sent.
     pub fn clear_ground_out_of(&mut self, n: u8) {
         if let Some(bytes) = self.ground_out.get_mut(usize::from(n)) {
             bytes.clear();
@@ -275,15 +260,6 @@ impl<W: World> Lockstep<W> {
         while self.t_us < t_us {
             self.t_us += STEP_US;
             self.plant.advance_to(self.t_us);
-        }
-    }
-
-    /// The same where little of what arrives finds room: the first so many bytes of tag and board are kept.
-    pub fn stall_until_with_room(&mut self, t_us: u64, most_bytes: usize) {
-        while self.t_us < t_us {
-            self.stall_until(self.t_us + STEP_US);
-            self.plant.tag_output().truncate(most_bytes);
-            self.plant.board_output().truncate(most_bytes);
         }
     }
 

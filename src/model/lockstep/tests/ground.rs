@@ -565,7 +565,7 @@ fn regress_disarming_in_the_spool_up_is_granted() {
 fn regress_a_false_marker_does_not_hold_back_a_command() {
     let (mut world, mut ground) = hovering(world(13));
     // The beginning of a frame of 255 bytes; nothing else comes on the link but one command.
-    world.ground_in(&[0xFD, 255, 0, 0, 0, 1, 1, 0, 0, 0]);
+    world.ground_in_at(0, &[0xFD, 255, 0, 0, 0, 1, 1, 0, 0, 0]);
     let answer = ground.command(&mut world, MavCmd::MAV_CMD_NAV_LAND, [0.0; 7]);
     assert_eq!(answer, Some(R::MAV_RESULT_ACCEPTED));
     assert_eq!(world.pilot().mode(), Mode::Land);

@@ -32,7 +32,7 @@ fn prop_hostile_bytes_on_the_ground_link_change_nothing() {
                         _ => (rng.uniform() * 256.0) as u8,
                     });
                 }
-                world.ground_in(&bytes);
+                world.ground_in_at(0, &bytes);
             }
             fly_for(&mut world, 0.01);
             path.push((world.pilot().mode(), world.truth().pos_E_m));

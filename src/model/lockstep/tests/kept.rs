@@ -27,7 +27,7 @@ fn restarted(plan: Plan, answer: Result<Vec<u8>, FileFault>) -> (Lockstep, Groun
 /// Whoever comes when all has been said.
 fn newcomer(mut world: Lockstep) -> (Lockstep, Ground) {
     fly_for(&mut world, 6.0);
-    world.clear_ground_out();
+    world.clear_ground_out_of(0);
     world.input(Input::LinkUp { link: LinkId::Ground(0) });
     let mut ground = Ground::new();
     ground.send(&mut world, &MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()));

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::*;
 use crate::board::Firmware;
 use crate::faults::{Fault, FaultKind};
+use crate::lockstep::STEP_US;
 use haltere_pilot::Input;
 
 /// In which part of the flight it stands still.
@@ -112,7 +113,13 @@ fn in_part(seed: u64, firmware: Firmware, part: Part, height_m: f64) -> (Lockste
 }
 
 fn pause(world: &mut Lockstep, ground: &mut Ground, seconds: f64, waits: Waits) -> Came {
-    world.stall_until_with_room(world.t_us() + (seconds * 1e6) as u64, waits.most_bytes);
+    let end_us = world.t_us() + (seconds * 1e6) as u64;
+    while world.t_us() < end_us {
+        // The first so many bytes of tag and board find room.
+        world.stall_until(world.t_us() + STEP_US);
+        world.plant_mut().tag_output().truncate(waits.most_bytes);
+        world.plant_mut().board_output().truncate(waits.most_bytes);
+    }
     if waits.wakes_first {
         world.input(Input::Wake);
     }
