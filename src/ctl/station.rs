@@ -5,11 +5,10 @@ use std::net::SocketAddr;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use haltere_dialect::mav::haltere::{
-    COMMAND_INT_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavFrame,
-    MavMessage, MavModeFlag, MavResult, MavState, MavType, PositionTargetTypemask as Mask,
-    SET_POSITION_TARGET_LOCAL_NED_DATA,
+    HEARTBEAT_DATA, MavAutopilot, MavCmd, MavFrame, MavMessage, MavModeFlag, MavResult, MavState,
+    MavType, PositionTargetTypemask as Mask, SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
-use haltere_dialect::mav::known;
+use haltere_dialect::mav::{command_int, command_long, known};
 use haltere_dialect::mav_stream::{MavSplitter, encode};
 use haltere_dialect::signing::SigningKey;
 
@@ -429,22 +428,9 @@ impl GroundStation {
 
     /// Sends a command until it is answered.
     pub fn command(&mut self, command: MavCmd, params: [f32; 7]) -> Result<(), CtlError> {
-        let (target_system, target_component) = self.target();
-        let [param1, param2, param3, param4, param5, param6, param7] = params;
+        let to = self.target();
         self.until_answered(command, |confirmation| {
-            MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-                param1,
-                param2,
-                param3,
-                param4,
-                param5,
-                param6,
-                param7,
-                command: command as u16,
-                target_system,
-                target_component,
-                confirmation,
-            })
+            command_long(to, command, &params, confirmation)
         })
     }
 
@@ -518,23 +504,13 @@ impl GroundStation {
 
     /// Flies to a point, given as north, east and height, and waits until it is there.
     pub fn goto(&mut self, north_m: f64, east_m: f64, height_m: f64) -> Result<(), CtlError> {
-        let (target_system, target_component) = self.target();
+        let to = self.target();
         let command = MavCmd::MAV_CMD_DO_REPOSITION;
-        self.until_answered(command, |_| {
-            MavMessage::COMMAND_INT(COMMAND_INT_DATA {
-                command: command as u16,
-                target_system,
-                target_component,
-                frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
-                param1: -1.0, // speed as configured
-                param2: 1.0,  // change to the mode that this needs
-                param4: f32::NAN,
-                x: (north_m * LOCAL_SCALE).round() as i32,
-                y: (east_m * LOCAL_SCALE).round() as i32,
-                z: -height_m as f32,
-                ..Default::default()
-            })
-        })?;
+        // Speed as configured; change to the mode that this needs.
+        let params = [-1.0, 1.0, 0.0, f32::NAN];
+        let [x, y] = [north_m, east_m].map(|m| (m * LOCAL_SCALE).round() as i32);
+        let place = (x, y, -height_m as f32);
+        self.until_answered(command, |_| command_int(to, command, params, place))?;
         let away_m = |v: &Vehicle| {
             v.position_m.map(|[n, e, d]| (n - north_m).hypot(e - east_m).hypot(d + height_m))
         };

@@ -1,11 +1,11 @@
 //! What the board is told: arming, intervals, setpoints, time, failures.
 
 use haltere_dialect::mav::haltere::{
-    AttitudeTargetTypemask, COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavResult,
-    MavSeverity, SET_ATTITUDE_TARGET_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
+    AttitudeTargetTypemask, COMMAND_LONG_DATA, MavCmd, MavMessage, MavResult, MavSeverity,
+    SET_ATTITUDE_TARGET_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
-use haltere_dialect::mav::known;
 use haltere_dialect::mav::types::CharArray;
+use haltere_dialect::mav::{command_ack, known};
 use haltere_dialect::mav_stream::MavHeader;
 use nalgebra::{Quaternion, UnitQuaternion};
 
@@ -237,14 +237,7 @@ impl Board {
     }
 
     fn acknowledge(&mut self, command: u16, result: MavResult, to: MavHeader, out: &mut Vec<u8>) {
-        let ack = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
-            command,
-            result: result as u8,
-            progress: 0,
-            result_param2: 0,
-            target_system: to.system_id,
-            target_component: to.component_id,
-        });
+        let ack = command_ack((to.system_id, to.component_id), command, result);
         self.send_message(&ack, out);
     }
 }

@@ -1,11 +1,10 @@
 //! A ground station in memory: sends commands and missions, reads the answers.
 
 use haltere_dialect::mav::haltere::{
-    COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, MISSION_COUNT_DATA,
-    MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMessage, MavMissionResult, MavMissionType,
-    MavResult,
+    COMMAND_ACK_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavCmd, MavMessage,
+    MavMissionResult, MavMissionType, MavResult,
 };
-use haltere_dialect::mav::known;
+use haltere_dialect::mav::{command_int, command_long, known};
 use haltere_dialect::mav_stream::{self, MavSplitter};
 
 use super::{Lockstep, World};
@@ -13,6 +12,8 @@ use super::{Lockstep, World};
 /// System id of a ground station, and component id, as QGroundControl's.
 const SYSTEM: u8 = 255;
 const COMPONENT: u8 = 190;
+/// System and component of the vehicle.
+pub const VEHICLE: (u8, u8) = (1, 1);
 /// An answer must come within this simulated time, µs.
 const PATIENCE_US: u64 = 5_000_000;
 
@@ -149,20 +150,7 @@ impl Ground {
         command: MavCmd,
         params: [f32; 7],
     ) -> Option<MavResult> {
-        let message = MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-            param1: params[0],
-            param2: params[1],
-            param3: params[2],
-            param4: params[3],
-            param5: params[4],
-            param6: params[5],
-            param7: params[6],
-            command: command as u16,
-            target_system: 1,
-            target_component: 1,
-            confirmation: 0,
-        });
-        self.send(world, &message);
+        self.send(world, &command_long(VEHICLE, command, &params, 0));
         self.wait_for(world, PATIENCE_US, |m| match m {
             MavMessage::COMMAND_ACK(ack) if is_answer(ack, command) => known(ack.result),
             _ => None,
@@ -176,22 +164,9 @@ impl Ground {
         pos_E_m: [f64; 3],
     ) -> Option<MavResult> {
         let command = MavCmd::MAV_CMD_DO_REPOSITION;
-        let message = MavMessage::COMMAND_INT(COMMAND_INT_DATA {
-            param1: f32::NAN,
-            param2: 1.0,
-            param3: f32::NAN,
-            param4: f32::NAN,
-            x: (pos_E_m[0] * 1e4) as i32,
-            y: (pos_E_m[1] * 1e4) as i32,
-            z: pos_E_m[2] as f32,
-            command: command as u16,
-            target_system: 1,
-            target_component: 1,
-            frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
-            current: 0,
-            autocontinue: 0,
-        });
-        self.send(world, &message);
+        let params = [f32::NAN, 1.0, f32::NAN, f32::NAN];
+        let [x, y] = [pos_E_m[0], pos_E_m[1]].map(|m| (m * 1e4) as i32);
+        self.send(world, &command_int(VEHICLE, command, params, (x, y, pos_E_m[2] as f32)));
         self.wait_for(world, PATIENCE_US, |m| match m {
             MavMessage::COMMAND_ACK(ack) if ack.command == command as u16 => known(ack.result),
             _ => None,

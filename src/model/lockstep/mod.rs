@@ -18,7 +18,7 @@ pub use flight::{
     Flight, FlightError, SAMPLE_US, Sample, fly, fly_unsampled, fly_watched, local_item,
     make_ready, start,
 };
-pub use ground::Ground;
+pub use ground::{Ground, VEHICLE};
 pub use world::World;
 
 use crate::{Plant, PlantConfig, Truth};

@@ -11,10 +11,10 @@ use crate::flight::modes::{Event, Mode};
 use crate::flight::place::room_from_deg;
 use crate::flight::place::{Location, WIRE_DEG};
 use crate::flight::shown_modes::SHOWN_MODES;
-use crate::input::LinkId;
 use crate::out::voice::Severity;
 use crate::stations::commands::{Answer, Asker, Awaits, Request, refuse};
 use crate::stations::identity::{available_mode, standard_mode};
+use crate::stations::mission_transfer::Client;
 use crate::stations::streams;
 use crate::view::around;
 
@@ -49,15 +49,15 @@ impl Act<'_> {
 
     /// COMMAND_CANCEL: what takes its time is ended, and answered as cancelled. What has been done is
     /// left as it is (common.xml).
-    pub(crate) fn cancel(&mut self, at: HostTime, link: LinkId, peer: (u8, u8), command: u16) {
-        let is_theirs = |a: &Asker| (a.link, a.peer, a.command as u16) == (link, peer, command);
+    pub(crate) fn cancel(&mut self, at: HostTime, client: Client, command: u16) {
+        let is_theirs = |a: &Asker| (a.client, a.command as u16) == (client, command);
         let Some(index) = self.stations.askers.iter().position(is_theirs) else { return };
         let asker = self.stations.askers.remove(index);
         // An order to stop the motors stands: nobody can want it half done.
         if asker.awaits == Awaits::Arm && self.flight.mode == Mode::Arming {
             self.fire(at, Event::DisarmAsked);
         }
-        self.out.send_ack(link, peer, command, MavResult::MAV_RESULT_CANCELLED);
+        self.out.acknowledge(client, command, MavResult::MAV_RESULT_CANCELLED);
     }
 
     pub(crate) fn do_set_mode(&mut self, at: HostTime, request: &Request) -> Answer {
@@ -130,7 +130,7 @@ impl Act<'_> {
         } else {
             MavResult::MAV_RESULT_TEMPORARILY_REJECTED
         };
-        self.out.service_ack(request.client(), request.command, result);
+        self.out.acknowledge(request.client(), request.command as u16, result);
         true
     }
 

@@ -284,7 +284,7 @@ impl Act<'_> {
             Ok(result) => (result, None),
             Err((result, why)) => (result, Some(why)),
         };
-        self.out.send_ack(link, peer, number, result);
+        self.out.acknowledge(heard.client(), number, result);
         if let Some(why) = why {
             self.out.say(at, Severity::Warning, why);
         }

@@ -27,7 +27,11 @@ impl Act<'_> {
         } else if number.fract() == 0.0 && (1.0..=MOST_NAMES as f32).contains(&number) {
             Job::Number(client, number as u16)
         } else {
-            self.out.service_ack(client, MavCmd::MAV_CMD_USER_4, MavResult::MAV_RESULT_DENIED);
+            self.out.acknowledge(
+                client,
+                MavCmd::MAV_CMD_USER_4 as u16,
+                MavResult::MAV_RESULT_DENIED,
+            );
             let text = format!("program {number}: allowed 0 (names all) to {MOST_NAMES}");
             self.out.say(at, Severity::Warning, text);
             return;
@@ -108,7 +112,7 @@ impl Act<'_> {
             Ok(text) => (MavResult::MAV_RESULT_ACCEPTED, Severity::Info, text),
             Err(text) => (MavResult::MAV_RESULT_FAILED, Severity::Warning, text),
         };
-        self.out.service_ack(client, MavCmd::MAV_CMD_USER_4, answer);
+        self.out.acknowledge(client, MavCmd::MAV_CMD_USER_4 as u16, answer);
         self.out.say(at, severity, text);
     }
 }

@@ -4,9 +4,10 @@
 //! Looking is for everybody, all else needs a permit: a message that stands in no row is refused to those who may only
 //! look, and thrown away else. A refusal is answered in the words of its protocol, so that no client waits.
 
+use haltere_dialect::mav::command_ack;
 use haltere_dialect::mav::haltere::{
-    COMMAND_ACK_DATA, MavFtpErr, MavMessage, MavMissionResult, MavParamError, MavResult,
-    PARAM_ERROR_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, ParamAck,
+    MavFtpErr, MavMessage, MavMissionResult, MavParamError, MavResult, PARAM_ERROR_DATA,
+    PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, ParamAck,
 };
 
 use super::act::{Act, Heard, Permit};
@@ -297,7 +298,7 @@ pub static SAID: &[Said] = &[
     Said {
         id: 80,
         name: "COMMAND_CANCEL",
-        act: |p, h| on!(h, COMMAND_CANCEL(m) => p.cancel(h.at, h.link, h.peer, m.command)),
+        act: |p, h| on!(h, COMMAND_CANCEL(m) => p.cancel(h.at, h.client(), m.command)),
         ..COMMANDS
     },
     Said {
@@ -466,14 +467,7 @@ pub(crate) fn looks(id: u32, message: &MavMessage) -> bool {
 }
 
 fn denied(heard: &Heard<'_>, command: u16) -> Option<MavMessage> {
-    Some(MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
-        command,
-        result: MavResult::MAV_RESULT_DENIED as u8,
-        progress: 0,
-        result_param2: 0,
-        target_system: heard.peer.0,
-        target_component: heard.peer.1,
-    }))
+    Some(command_ack(heard.peer, command, MavResult::MAV_RESULT_DENIED))
 }
 
 fn no_mission(heard: &Heard<'_>, kind: u8) -> Option<MavMessage> {

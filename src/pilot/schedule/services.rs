@@ -84,7 +84,7 @@ impl Act<'_> {
                     ),
                     Err(fault) => (MavResult::MAV_RESULT_FAILED, fault.words().to_owned()),
                 };
-                self.out.service_ack(client, MavCmd::MAV_CMD_PREFLIGHT_STORAGE, answer);
+                self.out.acknowledge(client, MavCmd::MAV_CMD_PREFLIGHT_STORAGE as u16, answer);
                 self.out.say(at, Severity::Info, text);
             }
             (Purpose::LoadPlan(plan), Ok(())) => self.plan_restored(at, plan, bytes),

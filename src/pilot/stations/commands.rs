@@ -1,8 +1,7 @@
 //! What a command of a client is, and how it is answered: at once, or when the board has.
 
-use haltere_dialect::mav::haltere::{
-    COMMAND_ACK_DATA, MESSAGE_INTERVAL_DATA, MavCmd, MavMessage, MavResult,
-};
+use haltere_dialect::mav::command_ack;
+use haltere_dialect::mav::haltere::{MESSAGE_INTERVAL_DATA, MavCmd, MavMessage, MavResult};
 
 use haltere_core::time::HostTime;
 
@@ -42,8 +41,7 @@ impl Awaits {
 /// Who waits for the answer of the board.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Asker {
-    pub link: LinkId,
-    pub peer: (u8, u8),
+    pub client: Client,
     /// What is answered.
     pub command: MavCmd,
     pub awaits: Awaits,
@@ -86,34 +84,18 @@ pub(crate) fn refuse(result: MavResult, text: impl Into<String>) -> Answer {
 }
 
 impl Out {
-    pub(crate) fn send_ack(
-        &mut self,
-        link: LinkId,
-        peer: (u8, u8),
-        command: u16,
-        result: MavResult,
-    ) {
-        // 255: how far it is, nobody knows.
-        let progress = if result == MavResult::MAV_RESULT_IN_PROGRESS { u8::MAX } else { 0 };
-        let message = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
-            command,
-            result: result as u8,
-            progress,
-            result_param2: 0,
-            target_system: peer.0,
-            target_component: peer.1,
-        });
-        self.message(link, &message);
+    pub(crate) fn acknowledge(&mut self, client: Client, command: u16, result: MavResult) {
+        self.message(client.link, &command_ack(client.peer, command, result));
     }
 }
 
 impl Stations {
     /// A client waits for the board. Asked again it waits once.
     pub(crate) fn wait_for_board(&mut self, at: HostTime, request: &Request, awaits: Awaits) {
-        let Request { link, peer, command, .. } = *request;
-        self.askers.retain(|a| (a.link, a.peer) != (link, peer) || a.awaits != awaits);
+        let (client, command) = (request.client(), request.command);
+        self.askers.retain(|a| a.client != client || a.awaits != awaits);
         if self.askers.len() < MOST_ASKERS {
-            let asker = Asker { link, peer, command, awaits, since: at, words: 0 };
+            let asker = Asker { client, command, awaits, since: at, words: 0 };
             self.askers.push(asker);
         }
     }
@@ -123,7 +105,7 @@ impl Stations {
         let askers = std::mem::take(&mut self.askers);
         for asker in askers {
             if asker.awaits == awaits {
-                out.send_ack(asker.link, asker.peer, asker.command as u16, result);
+                out.acknowledge(asker.client, asker.command as u16, result);
             } else {
                 self.askers.push(asker);
             }
@@ -149,7 +131,7 @@ impl Stations {
             if at.seconds_since(asker.since) > due_s {
                 self.askers[i].words += 1;
                 let result = MavResult::MAV_RESULT_IN_PROGRESS;
-                out.send_ack(asker.link, asker.peer, asker.command as u16, result);
+                out.acknowledge(asker.client, asker.command as u16, result);
             }
         }
     }

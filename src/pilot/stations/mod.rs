@@ -97,7 +97,7 @@ impl Stations {
         let counts = ground.counts;
         ground.begin_anew(at);
         out.closes(link);
-        self.askers.retain(|asker| asker.link != link);
+        self.askers.retain(|asker| asker.client.link != link);
         out.say(
             at,
             Severity::Info,

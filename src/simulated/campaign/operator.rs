@@ -6,13 +6,12 @@
 use std::collections::VecDeque;
 
 use haltere_dialect::mav::haltere::{
-    COMMAND_INT_DATA, COMMAND_LONG_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavCmd,
-    MavFrame, MavMessage, MavMissionResult, MavMissionType, PositionTargetTypemask,
-    SET_POSITION_TARGET_LOCAL_NED_DATA,
+    MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMessage, MavMissionResult,
+    MavMissionType, PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
-use haltere_dialect::mav::known;
+use haltere_dialect::mav::{command_int, command_long, known};
 use haltere_model::Truth;
-use haltere_model::lockstep::{Ground, Lockstep, local_item};
+use haltere_model::lockstep::{Ground, Lockstep, VEHICLE, local_item};
 use haltere_pilot::mission_file::{Command as ItemCommand, Item};
 
 use super::judge::{Fence, Forbidden};
@@ -120,7 +119,7 @@ impl Operator {
     pub fn order(&mut self, order: Order) {
         if matches!(order, Order::FenceAcross { .. } | Order::ForbiddenHome) {
             // A fence is not taken while a mission is flown.
-            self.send(command(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE, [0.0; 3]));
+            self.send(command(MavCmd::MAV_CMD_DO_PAUSE_CONTINUE, &[]));
             self.steps.push_back(Step::Wait(STOP_S));
         }
         self.steps.push_back(Step::Go(order));
@@ -130,8 +129,8 @@ impl Operator {
     fn go(&mut self, order: Order, scene: &Scene<'_>) {
         match order {
             Order::InjectFailure { unit, kind } => {
-                let params = [unit.number(), failure_number(kind), 0.0];
-                self.send(command(MavCmd::MAV_CMD_INJECT_FAILURE, params));
+                let params = [unit.number(), failure_number(kind)];
+                self.send(command(MavCmd::MAV_CMD_INJECT_FAILURE, &params));
             }
             Order::FenceAcross { way: Way::Return, .. } if scene.is_home() && !self.went_away => {
                 self.went_away = true;
@@ -149,8 +148,8 @@ impl Operator {
                 let home = scene.across();
                 self.draw(Shape::Circle, home, RADIUS_M);
                 let to = [home[0], home[1], 0.0];
-                self.send(command_int(MavCmd::MAV_CMD_DO_SET_HOME, [0.0; 4], to));
-                self.send(command(MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH, [0.0; 3]));
+                self.send(at_place(MavCmd::MAV_CMD_DO_SET_HOME, [0.0; 4], to));
+                self.send(command(MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH, &[]));
             }
         }
     }
@@ -169,8 +168,8 @@ impl Operator {
         }
         match way {
             Way::Goto | Way::Offboard => self.ask_for(way, scene.at_height(to)),
-            Way::Return => self.send(command(MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH, [0.0; 3])),
-            Way::Mission => self.send(command(MavCmd::MAV_CMD_MISSION_START, [0.0; 3])),
+            Way::Return => self.send(command(MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH, &[])),
+            Way::Mission => self.send(command(MavCmd::MAV_CMD_MISSION_START, &[])),
         }
         self.land_later();
     }
@@ -184,7 +183,7 @@ impl Operator {
             self.stream(Asked::Place(to_E_m));
         } else {
             let params = [f32::NAN, 1.0, f32::NAN, f32::NAN];
-            self.send(command_int(MavCmd::MAV_CMD_DO_REPOSITION, params, to_E_m));
+            self.send(at_place(MavCmd::MAV_CMD_DO_REPOSITION, params, to_E_m));
         }
     }
 
@@ -192,7 +191,7 @@ impl Operator {
     fn stream(&mut self, asked: Asked) {
         self.steps.push_back(Step::Stream(Some(asked)));
         self.steps.push_back(Step::Wait(STREAM_FIRST_S));
-        self.send(command(MavCmd::MAV_CMD_DO_SET_MODE, OFFBOARD));
+        self.send(command(MavCmd::MAV_CMD_DO_SET_MODE, &OFFBOARD));
     }
 
     /// Takes off in this way from where the vehicle stands, stays, and lands; the mission has been started.
@@ -202,7 +201,7 @@ impl Operator {
             TakeOff::Mission => return,
             TakeOff::Command | TakeOff::Point => {
                 let params = [0.0, 0.0, 0.0, f32::NAN];
-                self.send(command_int(MavCmd::MAV_CMD_NAV_TAKEOFF, params, above_E_m));
+                self.send(at_place(MavCmd::MAV_CMD_NAV_TAKEOFF, params, above_E_m));
                 if way == TakeOff::Point {
                     self.steps.push_back(Step::Wait(STREAM_FIRST_S));
                     self.ask_for(Way::Goto, above_E_m);
@@ -224,7 +223,7 @@ impl Operator {
 
     fn land_after(&mut self, wait_s: f64) {
         self.steps.push_back(Step::Wait(wait_s));
-        self.send(command(MavCmd::MAV_CMD_NAV_LAND, [0.0; 3]));
+        self.send(command(MavCmd::MAV_CMD_NAV_LAND, &[]));
         self.steps.push_back(Step::Stream(None));
     }
 
@@ -367,35 +366,14 @@ fn gap(a: Place, b: Place) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-fn command(command: MavCmd, params: [f32; 3]) -> MavMessage {
-    MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-        param1: params[0],
-        param2: params[1],
-        param3: params[2],
-        command: command as u16,
-        target_system: 1,
-        target_component: 1,
-        ..Default::default()
-    })
+fn command(command: MavCmd, params: &[f32]) -> MavMessage {
+    command_long(VEHICLE, command, params, 0)
 }
 
 /// With a place, E, m.
-fn command_int(command: MavCmd, params: [f32; 4], at: [f64; 3]) -> MavMessage {
+fn at_place(command: MavCmd, params: [f32; 4], at: [f64; 3]) -> MavMessage {
     let place = local_item(command, at, 0.0);
-    MavMessage::COMMAND_INT(COMMAND_INT_DATA {
-        param1: params[0],
-        param2: params[1],
-        param3: params[2],
-        param4: params[3],
-        x: place.x,
-        y: place.y,
-        z: place.z,
-        command: command as u16,
-        target_system: 1,
-        target_component: 1,
-        frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
-        ..Default::default()
-    })
+    command_int(VEHICLE, command, params, (place.x, place.y, place.z))
 }
 
 fn setpoint(asked: Asked) -> MavMessage {

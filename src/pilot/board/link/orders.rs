@@ -1,8 +1,8 @@
 //! What the board is told: arming, its mode, setpoints, commands that are passed on.
 
+use haltere_dialect::mav::command_long;
 use haltere_dialect::mav::haltere::{
-    AttitudeTargetTypemask as TargetMask, COMMAND_LONG_DATA, MavCmd, MavMessage,
-    SET_ATTITUDE_TARGET_DATA,
+    AttitudeTargetTypemask as TargetMask, MavCmd, MavMessage, SET_ATTITUDE_TARGET_DATA,
 };
 
 use haltere_core::frames::{B, E, Rot};
@@ -161,9 +161,13 @@ impl BoardLink {
             return;
         };
         let [main, sub] = mode.command;
-        let params = [CUSTOM_MODE, main, sub, 0.0, 0.0, 0.0, 0.0];
+        let params = [CUSTOM_MODE, main, sub];
         let command = MavCmd::MAV_CMD_DO_SET_MODE;
-        out.message(LinkId::Board, own, &command_long(own.system_id, command, params, 0));
+        out.message(
+            LinkId::Board,
+            own,
+            &command_long((own.system_id, BOARD_COMPONENT), command, &params, 0),
+        );
     }
 
     /// Sends one attitude and thrust setpoint, attitude in the board's own frame.
@@ -213,7 +217,11 @@ impl BoardLink {
     /// Passes a client's command on.
     pub fn send_command(&self, command: MavCmd, params: [f32; 7], out: &mut Outbox) {
         let Some(own) = self.own_address() else { return };
-        out.message(LinkId::Board, own, &command_long(own.system_id, command, params, 0));
+        out.message(
+            LinkId::Board,
+            own,
+            &command_long((own.system_id, BOARD_COMPONENT), command, &params, 0),
+        );
     }
 
     /// A command of two numbers.
@@ -225,29 +233,8 @@ impl BoardLink {
         out: &mut Outbox,
     ) {
         let Some(own) = self.own_address() else { return };
-        let params = [a, b, 0.0, 0.0, 0.0, 0.0, 0.0];
-        let message = command_long(own.system_id, command, params, confirmation);
+        let to = (own.system_id, BOARD_COMPONENT);
+        let message = command_long(to, command, &[a, b], confirmation);
         out.message(LinkId::Board, own, &message);
     }
-}
-
-fn command_long(
-    target_system: u8,
-    command: MavCmd,
-    params: [f32; 7],
-    confirmation: u8,
-) -> MavMessage {
-    MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-        param1: params[0],
-        param2: params[1],
-        param3: params[2],
-        param4: params[3],
-        param5: params[4],
-        param6: params[5],
-        param7: params[6],
-        command: command as u16,
-        target_system,
-        target_component: BOARD_COMPONENT,
-        confirmation,
-    })
 }

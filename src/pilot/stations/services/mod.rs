@@ -32,7 +32,7 @@ pub(crate) use metadata::long as said_of_parameter;
 pub use parameter_table::{Parameter, all as all_parameters, find as find_parameter};
 pub use plan_file::{decode as decode_plan, encode as encode_plan};
 
-use haltere_dialect::mav::haltere::{COMMAND_ACK_DATA, MavCmd, MavMessage, MavResult};
+use haltere_dialect::mav::haltere::MavResult;
 
 use haltere_core::time::HostTime;
 
@@ -130,20 +130,6 @@ impl Services {
     }
 }
 
-impl Out {
-    pub(crate) fn service_ack(&mut self, client: Client, command: MavCmd, result: MavResult) {
-        let message = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
-            command: command as u16,
-            result: result as u8,
-            progress: 0,
-            result_param2: 0,
-            target_system: client.peer.0,
-            target_component: client.peer.1,
-        });
-        self.message(client.link, &message);
-    }
-}
-
 impl Stations {
     /// MAV_CMD_REQUEST_MESSAGE of what lies among the files. `false`: it asks for something else.
     pub(crate) fn metadata_asked(&self, at: HostTime, request: &Request, out: &mut Out) -> bool {
@@ -154,7 +140,7 @@ impl Stations {
             _ => return false,
         };
         out.message(request.link, &message);
-        out.service_ack(request.client(), request.command, MavResult::MAV_RESULT_ACCEPTED);
+        out.acknowledge(request.client(), request.command as u16, MavResult::MAV_RESULT_ACCEPTED);
         true
     }
 
@@ -174,7 +160,7 @@ impl Stations {
         } else {
             MavResult::MAV_RESULT_DENIED
         };
-        out.service_ack(client, request.command, result);
+        out.acknowledge(client, request.command as u16, result);
         true
     }
 
