@@ -156,10 +156,8 @@ impl Board {
                 MavResult::MAV_RESULT_ACCEPTED
             }
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => self.set_interval(m.param1, m.param2),
-            MavCmd::MAV_CMD_DO_SET_MODE if self.knows(command) => self.set_mode(m, t_us),
-            MavCmd::MAV_CMD_REQUEST_MESSAGE if self.knows(command) => {
-                self.request_message(m.param1, out)
-            }
+            MavCmd::MAV_CMD_DO_SET_MODE => self.set_mode(m, t_us),
+            MavCmd::MAV_CMD_REQUEST_MESSAGE => self.request_message(m.param1, out),
             MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN if m.param1 == 1.0 => {
                 if self.armed {
                     return MavResult::MAV_RESULT_DENIED;

@@ -1,7 +1,7 @@
 //! The board as one of the two real firmwares: where its ways meet loops, streams and commands.
 
 use haltere_dialect::mav::haltere::{
-    AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage,
+    AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavMessage,
     MavModeFlag, MavProtocolCapability, MavResult, MavSeverity, MavState, MavType,
     SET_ATTITUDE_TARGET_DATA,
 };
@@ -172,7 +172,7 @@ impl Board {
     /// MAV_CMD_DO_SET_MODE.
     pub(super) fn set_mode(&mut self, m: &COMMAND_LONG_DATA, t_us: u64) -> MavResult {
         // The casts saturate; NaN is 0.
-        if m.param1 as u32 & 1 == 0 {
+        if !matches!(self.persona, Persona::Generic) && m.param1 as u32 & 1 == 0 {
             return MavResult::MAV_RESULT_DENIED;
         }
         let t_s = self.time_us(t_us) as f64 * 1e-6;
@@ -322,11 +322,5 @@ impl Board {
         for (kind, hz) in [(Kind::Imu, 250.0), (Kind::Attitude, 100.0), (Kind::Battery, 10.0)] {
             self.streams.set(kind, 1e6 / hz);
         }
-    }
-
-    /// The command to ask for a mode exists with the real firmwares only.
-    pub(super) fn knows(&self, command: MavCmd) -> bool {
-        self.settings.firmware != Firmware::Generic
-            && matches!(command, MavCmd::MAV_CMD_DO_SET_MODE | MavCmd::MAV_CMD_REQUEST_MESSAGE)
     }
 }

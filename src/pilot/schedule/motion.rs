@@ -1,6 +1,6 @@
 //! Commands that move the vehicle: arming, take-off, points, modes, landing.
 
-use haltere_dialect::mav::haltere::{MavCmd, MavResult};
+use haltere_dialect::mav::haltere::MavResult;
 
 use haltere_core::checks::shown;
 use haltere_core::estimate::Health;
@@ -106,11 +106,11 @@ impl Act<'_> {
 
     /// NAV_TAKEOFF: straight up, whatever place it names.
     pub(crate) fn command_takeoff(&mut self, at: HostTime, request: &Request) -> Answer {
-        let kind = if request.command == MavCmd::MAV_CMD_NAV_TAKEOFF_LOCAL {
-            Kind::Local
-        } else {
-            self.stations.kind_of(request)?
-        };
+        let kind = self.stations.kind_of(request)?;
+        self.takeoff_to(at, kind, request)
+    }
+
+    pub(crate) fn takeoff_to(&mut self, at: HostTime, kind: Kind, request: &Request) -> Answer {
         let wanted = room_point(self.origin, kind, [f64::NAN, f64::NAN, request.location.z()]);
         self.ask_takeoff(at, wanted.height_m.unwrap_or(self.config.flight.takeoff_height_m))
     }
@@ -119,9 +119,7 @@ impl Act<'_> {
     pub(crate) fn command_land(&mut self, at: HostTime, request: &Request) -> Answer {
         let [x, y] = request.location.plain();
         let here = x.is_nan() || y.is_nan() || (x == 0.0 && y == 0.0);
-        let local = request.command == MavCmd::MAV_CMD_NAV_LAND_LOCAL;
         if !here
-            && !local
             && let Some([north_m, east_m]) =
                 self.stations.wanted(self.origin, request)?.horizontal_m
         {
@@ -136,6 +134,10 @@ impl Act<'_> {
                 );
             }
         }
+        self.land_here(at)
+    }
+
+    pub(crate) fn land_here(&mut self, at: HostTime) -> Answer {
         self.ask(at, Event::LandAsked, &[Mode::Land, Mode::Descend])
     }
 
@@ -301,7 +303,7 @@ impl Act<'_> {
             Some(Mode::Mission) => self.ask_mission(at),
             Some(Mode::Takeoff) => self.ask_takeoff(at, self.config.flight.takeoff_height_m),
             Some(Mode::Return) => self.ask(at, Event::ReturnAsked, &[Mode::Return]),
-            Some(Mode::Land) => self.ask(at, Event::LandAsked, &[Mode::Land, Mode::Descend]),
+            Some(Mode::Land) => self.land_here(at),
             Some(Mode::Offboard) => {
                 let setpoint = self.flight.guidance.setpoint;
                 self.ask_followed(at, setpoint, Event::OffboardAsked, Mode::Offboard, "setpoints")

@@ -13,7 +13,7 @@ use haltere_core::time::HostTime;
 use super::act::{Act, Heard, Permit};
 use crate::flight::arming::SHADOW_WORDS;
 use crate::flight::modes::{Event, Mode};
-use crate::flight::place::Location;
+use crate::flight::place::{Kind, Location};
 use crate::out::voice::Severity;
 use crate::stations::commands::{Answer, Request, refuse};
 use crate::stations::services::STORAGE_RESET;
@@ -83,7 +83,7 @@ pub static ORDERS: &[Order] = &[
     },
     Order {
         command: MavCmd::MAV_CMD_NAV_TAKEOFF_LOCAL,
-        act: Some(|p, at, r| p.command_takeoff(at, r)),
+        act: Some(|p, at, r| p.takeoff_to(at, Kind::Local, r)),
         ..MOVES
     },
     Order {
@@ -93,13 +93,13 @@ pub static ORDERS: &[Order] = &[
     },
     Order {
         command: MavCmd::MAV_CMD_NAV_LAND_LOCAL,
-        act: Some(|p, at, r| p.command_land(at, r)),
+        act: Some(|p, at, _| p.land_here(at)),
         ..MOVES
     },
     // MAVProxy's `land`. Without a landing sequence in the mission a landing begins here.
     Order {
         command: MavCmd::MAV_CMD_DO_LAND_START,
-        act: Some(|p, at, _| p.ask(at, Event::LandAsked, &[Mode::Land, Mode::Descend])),
+        act: Some(|p, at, _| p.land_here(at)),
         ..MOVES
     },
     Order {
