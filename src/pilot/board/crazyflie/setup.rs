@@ -499,5 +499,4 @@ fn what(question: Question) -> &'static str {
 }
 
 #[cfg(test)]
-#[path = "setup_tests.rs"]
 mod tests;
