@@ -25,6 +25,7 @@ use std::collections::VecDeque;
 use haltere_core::frames::G_MPS2;
 use haltere_core::time::HostTime;
 
+use crate::navigation::scale::DRAG_PER_S;
 use crate::view::HOVER_BOUNDS;
 
 /// Length of the window, s.
@@ -33,8 +34,6 @@ const WINDOW_S: f64 = 1.0;
 const MOST: usize = 128;
 /// Time constant of the low-pass, s: four windows.
 const TIME_CONSTANT_S: f64 = 4.0;
-/// Vertical drag, 1/s: middle of its range.
-const DRAG_PER_S: f64 = 0.8;
 /// Faster vertical flight is not looked at, m/s: the drag's error would be 1 % of gravity.
 pub(crate) const SLOW_MPS: f64 = 0.5;
 /// More tilt is not looked at, as its cosine (15 degrees).

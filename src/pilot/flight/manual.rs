@@ -10,8 +10,8 @@ use crate::view::View;
 
 /// Full deflection of x, y and r (common.xml, MANUAL_CONTROL).
 const FULL: f64 = 1000.0;
-/// z in its middle: 0 is full down, 1000 full up, as QGroundControl sends it.
-const Z_MIDDLE: f64 = 500.0;
+/// z in its middle: 0 is full down, full deflection full up, as QGroundControl sends it.
+const Z_MIDDLE: f64 = FULL / 2.0;
 /// Deflections below this share count as none: worn sticks do not come back to their middle.
 const DEAD_SHARE: f64 = 0.08;
 /// Fastest climb and sink by stick, m/s: a landing's speed, so that the floor is met gently.

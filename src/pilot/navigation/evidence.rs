@@ -8,14 +8,12 @@ use haltere_core::measure::{BaroSample, BoardAttitude};
 use haltere_core::time::HostTime;
 use haltere_core::topics::UwbRecord;
 
-use super::Navigation;
 use super::slip::SLIP_MPS;
+use super::{ATTITUDE_AGE_S, Navigation};
 use crate::view::View;
 
 /// Measurements over which the share beyond the gate is taken: 0.4 s of TDoA2.
 const WINDOW: f64 = 200.0;
-/// The board's attitude may be this old to be compared with ours, s.
-const ATTITUDE_AGE_S: f64 = 0.2;
 /// Time constant of the low-pass on both turns that are compared, s: it leaves nothing of the noise of an attitude that is
 /// told 50 times a second.
 const TURN_FILTER_S: f64 = 0.2;

@@ -6,6 +6,7 @@
 
 use haltere_core::frames::{B, E, Rot, wrap_pi_rad};
 
+use super::ATTITUDE_AGE_S;
 use super::Navigation;
 use crate::flight::modes::Mode;
 use crate::out::Out;
@@ -25,9 +26,6 @@ const JUMP_RAD: f64 = 0.35;
 /// If it lasts so long it is taken over whole, s. The board leans in its own frame: until the angle is right every lean is
 /// turned by the jump, and beyond some 60 degrees that drives the vehicle away.
 const JUMP_S: f64 = 0.1;
-
-/// A board attitude older than this is not compared with ours, s.
-const ATTITUDE_AGE_S: f64 = 0.2;
 
 /// Follows the angle.
 #[derive(Debug)]

@@ -21,7 +21,7 @@ use haltere_core::frames::{B, E, G_MPS2, Rot};
 use haltere_core::measure::ImuSample;
 use haltere_core::time::HostTime;
 
-use super::Navigation;
+use super::{ATTITUDE_AGE_S, Navigation};
 use crate::view::View;
 
 /// Time constant of the low-pass on the vertical specific force, s: wings that beat on the floor toss the vehicle for
@@ -31,8 +31,6 @@ const FILTER_S: f64 = 0.3;
 const STILL_FILTER_S: f64 = 0.04;
 /// A longer interval between two samples is a gap, s.
 const GAP_S: f64 = 0.1;
-/// The board's attitude must be as new as this, s.
-const ATTITUDE_AGE_S: f64 = 0.2;
 /// The floor carries if the vertical specific force is gravity's to within this, m/s².
 pub(crate) const CARRIED_MPS2: f64 = 2.0;
 /// What lies is not pushed aside by more than this, m/s²: leaning by 30 degrees in the air is 5.7 …

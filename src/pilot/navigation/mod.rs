@@ -46,6 +46,9 @@ use slip::Slip;
 use survey_check::SurveyCheck;
 use uwb::{MavTag, TdoaEngine};
 
+/// The board's attitude is compared with ours while it is no older than this, s.
+const ATTITUDE_AGE_S: f64 = 0.2;
+
 /// What is read of the tag.
 #[derive(Debug)]
 pub(crate) struct Tag {

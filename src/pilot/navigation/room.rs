@@ -4,12 +4,10 @@ use nalgebra::{Matrix3, Vector2};
 
 use haltere_core::frames::{G_MPS2, wrap_pi_rad};
 
-use super::Navigation;
+use super::{ATTITUDE_AGE_S, Navigation};
 use crate::flight::modes::Mode;
 use crate::view::View;
 
-/// The board's lean may be this old, s.
-const LEAN_AGE_S: f64 = 0.2;
 /// UWB must be as new as this, s: without it the position is the integral of the lean.
 const UWB_AGE_S: f64 = 0.1;
 /// Height of the gear above which nothing but the air holds it, m.
@@ -23,7 +21,8 @@ impl Navigation {
     /// Follows what pushes the vehicle, and where UWB has it, while it is in the air.
     pub(crate) fn watch_room(&mut self, view: &View<'_>, control_steps: u64, dt_s: f64) {
         let at = view.at;
-        let board = view.board.attitude.filter(|a| at.seconds_since(a.received_at) < LEAN_AGE_S);
+        let board =
+            view.board.attitude.filter(|a| at.seconds_since(a.received_at) < ATTITUDE_AGE_S);
         let usable = view.is_usable()
             && view.mode.is_flying()
             && view.mode != Mode::Descend

@@ -40,7 +40,7 @@ use super::Navigation;
 use crate::flight::modes::Mode;
 use crate::view::{HOVER_BOUNDS, View};
 
-/// Lag of the wings, s, vertical drag, 1/s, and the low-pass that the force has gone through, s.
+/// Lag of the wings, s, vertical drag, 1/s (middle of its range, VEHICLE.md), and the low-pass that the force has gone through, s.
 pub(crate) const WINGS_S: f64 = 0.08;
 pub(crate) const DRAG_PER_S: f64 = 0.8;
 const FILTER_S: f64 = 0.15;
