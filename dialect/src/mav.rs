@@ -12,6 +12,9 @@ use haltere::{
     COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavResult,
 };
 
+/// MISSION_ITEM_INT and COMMAND_INT count x and y of a local frame in 0.1 mm.
+pub const LOCAL_PER_M: f64 = 1e4;
+
 /// What a number of a received message means; `None`: the dialect has no name for it.
 pub fn known<T: FromPrimitive>(number: impl Into<u64>) -> Option<T> {
     T::from_u64(number.into())

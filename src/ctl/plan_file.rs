@@ -8,7 +8,7 @@ use std::path::Path;
 
 use haltere_core::geo::{Geodetic, LocalOrigin};
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionType};
-use haltere_dialect::mav::{known, name_of};
+use haltere_dialect::mav::{LOCAL_PER_M, known, name_of};
 use haltere_pilot::mission_file::{Command, Item, MissionFile};
 use num_traits::FromPrimitive as _;
 use serde_json::{Value, json};
@@ -19,9 +19,8 @@ const WAYPOINTS: &str = "QGC WPL";
 const WAYPOINTS_VERSION: &str = "110";
 /// Columns of a line of it.
 const COLUMNS: usize = 12;
-/// Degrees of latitude and longitude count in 1e-7, metres of a local frame in 1e-4 (MISSION_ITEM_INT).
+/// Degrees of latitude and longitude count in 1e-7 (MISSION_ITEM_INT).
 const GLOBAL_SCALE: f64 = 1e7;
-const LOCAL_SCALE: f64 = 1e4;
 /// More items than any vehicle takes; `count` of the protocol has 16 bits.
 const MOST_ITEMS: usize = 10_000;
 
@@ -156,7 +155,7 @@ impl Numbers {
         let (x_name, y_name, scale, most) = match frame {
             MavFrame::MAV_FRAME_MISSION => ("param5", "param6", 1.0, [f64::from(i32::MAX); 2]),
             frame if is_global(frame) => ("latitude", "longitude", GLOBAL_SCALE, [90.0, 180.0]),
-            _ => ("x", "y", LOCAL_SCALE, [100_000.0; 2]),
+            _ => ("x", "y", LOCAL_PER_M, [100_000.0; 2]),
         };
         let place = |name: &str, v: f64, most: f64| {
             // Not given is "here", which is zero on the wire.
@@ -461,7 +460,7 @@ fn to_item(item: &MISSION_ITEM_INT_DATA, origin: &LocalOrigin) -> Result<Item, S
     };
     let position_m = || match frame {
         Some(MavFrame::MAV_FRAME_LOCAL_NED) => {
-            let [north_m, east_m] = [item.x, item.y].map(|v| f64::from(v) / LOCAL_SCALE);
+            let [north_m, east_m] = [item.x, item.y].map(|v| f64::from(v) / LOCAL_PER_M);
             Ok([north_m, east_m, height_m])
         }
         _ if global => {

@@ -8,7 +8,7 @@ use haltere_dialect::mav::haltere::{
     HEARTBEAT_DATA, MavAutopilot, MavCmd, MavFrame, MavMessage, MavModeFlag, MavResult, MavState,
     MavType, PositionTargetTypemask as Mask, SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
-use haltere_dialect::mav::{command_int, command_long, known};
+use haltere_dialect::mav::{LOCAL_PER_M, command_int, command_long, known};
 use haltere_dialect::mav_stream::{MavSplitter, encode};
 use haltere_dialect::signing::SigningKey;
 
@@ -62,9 +62,6 @@ const POINT_REACHED_M: f64 = 0.30;
 /// Slowest progress that is worth waiting for, m/s, and time on top, s.
 const SLOWEST_MPS: f64 = 0.15;
 const SLACK_S: f64 = 15.0;
-
-/// `MISSION_ITEM_INT` and `COMMAND_INT` count local x and y in 0.1 mm.
-const LOCAL_SCALE: f64 = 1e4;
 
 /// Modes that a client can ask for, in PX4's numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -508,7 +505,7 @@ impl GroundStation {
         let command = MavCmd::MAV_CMD_DO_REPOSITION;
         // Speed as configured; change to the mode that this needs.
         let params = [-1.0, 1.0, 0.0, f32::NAN];
-        let [x, y] = [north_m, east_m].map(|m| (m * LOCAL_SCALE).round() as i32);
+        let [x, y] = [north_m, east_m].map(|m| (m * LOCAL_PER_M).round() as i32);
         let place = (x, y, -height_m as f32);
         self.until_answered(command, |_| command_int(to, command, params, place))?;
         let away_m = |v: &Vehicle| {

@@ -1,5 +1,6 @@
 //! The room in which the diagnostic flights are flown, and what the companion is told of it.
 
+use haltere_dialect::mav::LOCAL_PER_M;
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame};
 
 use haltere_core::checks::Problems;
@@ -8,7 +9,6 @@ use haltere_core::survey::Survey;
 use haltere_model::board::Firmware;
 use haltere_model::room::Room;
 use haltere_model::{PlantConfig, Vehicle};
-use haltere_pilot::mission_file::LOCAL_SCALE;
 use haltere_pilot::{BoardProfile, PilotConfig};
 
 use crate::bank::kept_file::fnv;
@@ -65,7 +65,7 @@ pub const SERVED_M: f64 = 0.3;
 fn first_place_NE_m(items: &[MISSION_ITEM_INT_DATA]) -> Option<[f64; 2]> {
     let place = items.iter().find(|item| item.command == MavCmd::MAV_CMD_NAV_WAYPOINT as u16)?;
     let local = place.frame == MavFrame::MAV_FRAME_LOCAL_NED as u8;
-    local.then(|| [place.x, place.y].map(|counts| f64::from(counts) / LOCAL_SCALE))
+    local.then(|| [place.x, place.y].map(|counts| f64::from(counts) / LOCAL_PER_M))
 }
 
 impl Scene {

@@ -1,5 +1,6 @@
 //! A whole flight in lockstep: align, arm, fly a mission, land, with a sample per control step.
 
+use haltere_dialect::mav::LOCAL_PER_M;
 use haltere_dialect::mav::haltere::{
     MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMessage, MavMissionResult, MavResult,
 };
@@ -58,8 +59,8 @@ pub fn local_item(command: MavCmd, point_E_m: [f64; 3], param1: f32) -> MISSION_
     MISSION_ITEM_INT_DATA {
         command: command as u16,
         frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
-        x: (point_E_m[0] * 1e4).round() as i32,
-        y: (point_E_m[1] * 1e4).round() as i32,
+        x: (point_E_m[0] * LOCAL_PER_M).round() as i32,
+        y: (point_E_m[1] * LOCAL_PER_M).round() as i32,
         z: point_E_m[2] as f32,
         param1,
         param4: f32::NAN,

@@ -4,7 +4,7 @@ use haltere_dialect::mav::haltere::{
     COMMAND_ACK_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavCmd, MavMessage,
     MavMissionResult, MavMissionType, MavResult,
 };
-use haltere_dialect::mav::{command_int, command_long, known};
+use haltere_dialect::mav::{LOCAL_PER_M, command_int, command_long, known};
 use haltere_dialect::mav_stream::{self, MavSplitter};
 
 use super::{Lockstep, World};
@@ -165,7 +165,7 @@ impl Ground {
     ) -> Option<MavResult> {
         let command = MavCmd::MAV_CMD_DO_REPOSITION;
         let params = [f32::NAN, 1.0, f32::NAN, f32::NAN];
-        let [x, y] = [pos_E_m[0], pos_E_m[1]].map(|m| (m * 1e4) as i32);
+        let [x, y] = [pos_E_m[0], pos_E_m[1]].map(|m| (m * LOCAL_PER_M) as i32);
         self.send(world, &command_int(VEHICLE, command, params, (x, y, pos_E_m[2] as f32)));
         self.wait_for(world, PATIENCE_US, |m| match m {
             MavMessage::COMMAND_ACK(ack) if ack.command == command as u16 => known(ack.result),

@@ -47,13 +47,12 @@
 //! command = "land"         # optional position_m: only north and east count
 //! ```
 
+use haltere_dialect::mav::LOCAL_PER_M;
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionType};
 use serde::{Deserialize, Serialize};
 
 use haltere_core::checks::Problems;
 
-/// `MISSION_ITEM_INT` counts x and y of a local frame in 0.1 mm.
-pub const LOCAL_SCALE: f64 = 1e4;
 /// Farthest coordinate that the wire can carry, with room to spare, m.
 const FARTHEST_M: f64 = 1000.0;
 
@@ -222,8 +221,8 @@ impl Item {
             mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION as u8,
             autocontinue: 1,
             current: u8::from(seq == 0),
-            x: (north_m * LOCAL_SCALE).round() as i32,
-            y: (east_m * LOCAL_SCALE).round() as i32,
+            x: (north_m * LOCAL_PER_M).round() as i32,
+            y: (east_m * LOCAL_PER_M).round() as i32,
             z: -height_m as f32,
             ..Default::default()
         };

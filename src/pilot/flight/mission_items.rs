@@ -14,12 +14,11 @@ use haltere_core::geo::{Geodetic, LocalOrigin};
 
 use super::excitation::Doublet;
 use super::mission::{LOWEST_M, MissionItem};
+use super::place::LOCAL_SCALE;
 use super::tilt_step::{Envelope, TiltStep};
 
 /// The frame that counts from the room's origin, on the wire.
 const LOCAL_NED: u8 = MavFrame::MAV_FRAME_LOCAL_NED as u8;
-/// `MAV_FRAME_LOCAL_NED` in `MISSION_ITEM_INT` counts x and y in 0.1 mm.
-pub(crate) const LOCAL_SCALE: f64 = 1e-4;
 /// Highest voltage that can be waited for, V: as for `limits.battery_low_v`.
 const HIGHEST_WAIT_V: f64 = 30.0;
 /// Longest wait at a place, s.

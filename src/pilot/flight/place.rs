@@ -4,10 +4,12 @@ use haltere_dialect::mav::haltere::MavFrame;
 use haltere_dialect::mav::known;
 
 use haltere_core::frames::{E, Vec3};
+use haltere_dialect::mav::LOCAL_PER_M;
+
 use haltere_core::geo::{Geodetic, LocalOrigin};
 
-/// COMMAND_INT and MISSION_ITEM_INT in a local frame count x and y in 0.1 mm.
-pub(crate) const LOCAL_SCALE: f64 = 1e-4;
+/// One count of a local frame on the wire, m.
+pub(crate) const LOCAL_SCALE: f64 = 1.0 / LOCAL_PER_M;
 
 /// MAVLink counts latitude and longitude in this many degrees.
 pub(crate) const WIRE_DEG: f64 = 1e-7;

@@ -1,15 +1,17 @@
 //! Mission items with floats, which older clients send and want: to integers and back.
 
+use haltere_dialect::mav::LOCAL_PER_M;
 use haltere_dialect::mav::haltere::{MISSION_ITEM_DATA, MISSION_ITEM_INT_DATA};
 
-use crate::flight::mission_items::{LOCAL_SCALE, is_global};
+use crate::flight::mission_items::is_global;
+use crate::flight::place::LOCAL_SCALE;
 
 /// Degrees of the globe on the wire.
 const E7: f64 = 1e7;
 
 /// A float item as the integer item that it means.
 pub(crate) fn to_int(m: &MISSION_ITEM_DATA) -> MISSION_ITEM_INT_DATA {
-    let scale = if is_global(m.frame) { E7 } else { LOCAL_SCALE.recip() };
+    let scale = if is_global(m.frame) { E7 } else { LOCAL_PER_M };
     // Casts saturate; NaN becomes zero, "here".
     let [x, y] = [m.x, m.y].map(|v| (f64::from(v) * scale).round() as i32);
     MISSION_ITEM_INT_DATA {
