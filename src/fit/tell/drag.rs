@@ -8,6 +8,7 @@
 //! `f_x = b_x − k_x·u`, `f_y = b_y − k_y·v`. **Symbols.** f m/s², u and v speed forward and right
 //! m/s, k 1/s, b m/s². **Left out.** Drag of turning, wind; both widen the error.
 
+use super::{APART_S, PLOT_PX};
 use crate::fit::columns::{HeldStep, held_steps, hover_speeds};
 use crate::fit::correlated::{Noise, covariance};
 use crate::fit::linear::{Rows, r_squared, solve};
@@ -26,16 +27,12 @@ use haltere_log::import::{Recording, motion};
 /// Pieces of a fitted line in a plot.
 const LINE_POINTS: i32 = 60;
 
-/// Time between two flights that are fitted together, s: nothing lasts so long.
-const APART_S: f64 = 1e4;
 /// Least spread of speed along an axis that shows drag, m/s rms.
 const LEAST_RMS_MPS: f64 = 0.25;
 /// Least hover that noise is learned from, s.
 const NOISE_S: f64 = 8.0;
 /// Standard errors by which a drag that pushes is no matter of noise.
 const PUSHES: f64 = 5.0;
-/// Size of a plot, pixels.
-pub(super) const PLOT_PX: [f64; 2] = [560.0, 320.0];
 
 /// Names of the axes, and of the lean that drives along them.
 const AXES: [(TiltAxis, &str); 2] = [(TiltAxis::Pitch, "pitch"), (TiltAxis::Roll, "roll")];

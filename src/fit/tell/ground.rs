@@ -6,7 +6,7 @@
 //! smear the law. The mean height by the estimate is shown beside it.
 
 use super::thrust::pack;
-use super::{PLOT_PX, logs};
+use super::{APART_S, PLOT_PX, logs};
 use crate::fit::columns::{HoverMean, hover_means};
 use crate::fit::ground::{self, Ground};
 use crate::fit::outcome::{Outcome, Refusal, Table};
@@ -14,8 +14,6 @@ use crate::fit::programs::Program;
 use crate::fit::source::{Source, names};
 use crate::report::svg::{Mark, Plot, Series, Tone};
 
-/// Time between two flights that are fitted together, s.
-const APART_S: f64 = 1e4;
 /// Heights nearer to one another than this are one rung, m.
 const RUNG_M: f64 = 0.05;
 /// Least time on a rung, s.

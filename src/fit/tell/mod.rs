@@ -17,6 +17,8 @@ use crate::fit::source::Source;
 use crate::report::flight::Flight;
 use haltere_pilot::settings::Config;
 
+/// Time between two flights that are fitted together, s: nothing lasts so long.
+const APART_S: f64 = 1e4;
 /// Sizes of a plot, pixels.
 const PLOT_PX: [f64; 2] = [560.0, 320.0];
 

@@ -10,7 +10,8 @@
 
 use nalgebra::DVector;
 
-use super::drag::{PLOT_PX, flown};
+use super::drag::flown;
+use super::{APART_S, PLOT_PX};
 use crate::fit::correlated::covariance;
 use crate::fit::ground::HIGH_M;
 use crate::fit::linear::{Rows, inverse, r_squared, solve};
@@ -30,8 +31,6 @@ use haltere_log::import::stand::{Stand, StandRow};
 const CALM_S: f64 = 5.0;
 /// Least range of voltage that says something about it, share of the mean.
 const LEAST_RANGE_FRAC: f64 = 0.05;
-/// Time between two flights that are fitted together, s.
-const APART_S: f64 = 1e4;
 /// Means of a recording are taken over this many samples of 0.05 s.
 const MEAN_SAMPLES: usize = 10;
 /// Least specific force along −z that counts as carrying, m/s².
