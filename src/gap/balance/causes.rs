@@ -86,6 +86,11 @@ pub struct Trial {
 }
 
 impl Cause {
+    /// The cause of an id.
+    pub fn find(id: &str) -> Option<Self> {
+        Self::all().into_iter().find(|cause| cause.id() == id)
+    }
+
     /// Everything that can be named.
     pub fn all() -> Vec<Self> {
         let singles = (1..=MOTORS).map(|motor| vec![motor]);

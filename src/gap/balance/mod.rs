@@ -6,7 +6,7 @@
 //! ```
 //!
 //! [`hover`] is the balance of one flight, [`causes`] what a cause adds to it, [`weigh`] how probable each is by what references
-//! scatter, `said` the words. Nothing is flown, so that a flight takes milliseconds; nothing but the motors' commands is
+//! scatter, [`judge`] what follows, `said` the words. Nothing is flown, so that a flight takes milliseconds; nothing but the motors' commands is
 //! needed, and what is not there is told as not checked. Where the user has a simulator, [`flown`] is what it says that causes do. [`fill`]
 //! is the vehicle file from flights.
 //!
@@ -21,6 +21,7 @@ pub mod causes;
 pub mod fill;
 pub mod flown;
 pub mod hover;
+pub mod judge;
 pub mod report;
 pub mod weigh;
 
@@ -29,4 +30,5 @@ mod said;
 mod tests;
 
 pub use hover::Hover;
-pub use report::{Report, diagnose};
+pub use judge::diagnose;
+pub use report::Report;

@@ -3,14 +3,133 @@
 use std::fmt::Write as _;
 
 use super::causes::{Cause, Kind};
-use super::report::{Report, Simulator, Smallest};
+use super::report::{Report, Smallest};
 use super::weigh::Weighed;
 use crate::outcome::{Named, Outcome};
+
+impl Report {
+    /// The whole in words.
+    pub fn text(&self) -> String {
+        let mut out = String::new();
+        let _ = writeln!(
+            out,
+            "{} ({:.1} s of hover) against {} references, vehicle {}",
+            self.flight,
+            self.hover_s,
+            self.references.len(),
+            self.vehicle
+        );
+        let _ = writeln!(out, "can show   {}", self.can_show_words());
+        let _ = writeln!(out, "verdict    {}", self.verdict);
+        for axis in &self.balance {
+            let (share, sigma) = (100.0 * axis.share, 100.0 * axis.sigma);
+            let _ = writeln!(out, "  {:<15} {share:+5.1} %, healthy ±{sigma:.1} %", axis.axis);
+        }
+        if let Some(times) = self.shaking {
+            let _ = writeln!(out, "  shaking         {times:.1} times that of the references");
+        }
+        if let Some(mg) = marks(&self.accelerometer_g) {
+            let _ = writeln!(out, "  accelerometer   {mg} mg from that of the references");
+        }
+        if let Some(told) = self.simulator_words() {
+            let _ = writeln!(out, "simulator  {told}");
+        }
+        // Without an explanation there is nothing that could shrink.
+        if let Some(held_out) =
+            self.held_out.as_ref().filter(|held_out| held_out.after != held_out.before)
+        {
+            let _ = writeln!(
+                out,
+                "shrink     {:.2} of vertical force and moments on {}",
+                held_out.shrink,
+                held_out.flights.join(", ")
+            );
+        }
+        for what in &self.not_checked {
+            let _ = writeln!(out, "not checked: {what}");
+        }
+        out
+    }
+
+    /// How near a simulator comes to the references, and what it could not fly.
+    pub fn simulator_words(&self) -> Option<String> {
+        let simulator = self.simulator.as_ref()?;
+        let axes = self.balance.iter().zip(simulator.apart);
+        let told = axes.map(|(axis, apart)| {
+            format!("{} {:+.1} % ({:+.1} sigma)", axis.axis, 100.0 * apart, apart / axis.sigma)
+        });
+        let told = told.collect::<Vec<_>>().join(", ");
+        let lost: usize = simulator.lost.values().sum();
+        let flown = simulator.flights - lost;
+        let why = simulator.lost.iter().map(|(why, count)| format!("; {count} lost: {why}"));
+        Some(format!(
+            "flew {flown} of {} flights, and its healthy hover differs from the references by {told}{}",
+            simulator.flights,
+            why.collect::<String>()
+        ))
+    }
+
+    /// What can be shown, before what was found.
+    pub fn can_show_words(&self) -> String {
+        let told = self.can_show.iter().map(|Smallest { kind, size }| {
+            let from = |text: String| size.map_or("none that flies".to_owned(), |_| text);
+            let size = size.unwrap_or(0.0);
+            match kind {
+                Kind::WeakMotor => format!(
+                    "one motor's loss of thrust from {}",
+                    from(format!("{:.0} % on", 100.0 * size))
+                ),
+                Kind::Load => {
+                    format!("a load at one motor from {}", from(format!("{:.1} g on", 1e3 * size)))
+                }
+                _ => format!("shaking from {}", from(format!("{size:.1} times as much on"))),
+            }
+        });
+        told.collect::<Vec<_>>().join(", ")
+    }
+
+    /// A cause with its size.
+    pub fn cause_words(&self, named: &Named) -> String {
+        let Some(Cause { kind, motors }) = Cause::find(&named.id) else { return named.id.clone() };
+        let each = motors.iter().zip(&named.theta).zip(&named.theta_90);
+        let told = each.map(|((motor, size), [low, high])| match kind {
+            Kind::Load => {
+                format!(
+                    "{:.1} g at motor {motor} ({:.1} to {:.1})",
+                    1e3 * size,
+                    1e3 * low,
+                    1e3 * high
+                )
+            }
+            _ => format!(
+                "motor {motor} by {:.0} % ({:.0} to {:.0})",
+                100.0 * size,
+                100.0 * low,
+                100.0 * high
+            ),
+        });
+        let places = told.collect::<Vec<_>>().join(" and ");
+        let times = self.shaking.unwrap_or(1.0);
+        let what = match kind {
+            Kind::WeakMotor => format!(
+                "less thrust for the same command, {places}: propeller cut, bent or worn, or weak motor"
+            ),
+            Kind::Load => format!("a load of {places}"),
+            Kind::Unbalanced => {
+                format!(
+                    "a propeller out of balance, at any motor: it shakes {times:.1} times as much"
+                )
+            }
+            Kind::Swinging => format!("a load that swings: it shakes {times:.1} times as much"),
+        };
+        format!("{what} [{:.2}]", named.probability)
+    }
+}
 
 /// The outcome as a sentence.
 pub fn verdict(report: &Report, weighed: &Weighed) -> String {
     let told: Vec<String> =
-        report.outcome.effects().iter().map(|named| cause(named, report)).collect();
+        report.outcome.effects().iter().map(|named| report.cause_words(named)).collect();
     match &report.outcome {
         Outcome::NoMaterialGap => format!(
             "no gap: nothing beyond what these references can show (probability {:.2})",
@@ -38,119 +157,10 @@ pub fn verdict(report: &Report, weighed: &Weighed) -> String {
     }
 }
 
-/// How near a simulator comes to the references, and what it could not fly.
-pub fn simulator_words(simulator: &Simulator, report: &Report) -> String {
-    let axes = report.balance.iter().zip(simulator.apart);
-    let told = axes.map(|(axis, apart)| {
-        format!("{} {:+.1} % ({:+.1} sigma)", axis.axis, 100.0 * apart, apart / axis.sigma)
-    });
-    let told = told.collect::<Vec<_>>().join(", ");
-    let lost: usize = simulator.lost.values().sum();
-    let flown = simulator.flights - lost;
-    let why = simulator.lost.iter().map(|(why, count)| format!("; {count} lost: {why}"));
-    format!(
-        "flew {flown} of {} flights, and its healthy hover differs from the references by {told}{}",
-        simulator.flights,
-        why.collect::<String>()
-    )
-}
-
 /// How far the offsets of the accelerometer lie from those of the references; `None` where none was logged.
 fn marks(offset_g: &[Option<f64>; 3]) -> Option<String> {
     let axes = ["forward", "left", "up"].iter().zip(offset_g);
     let told: Vec<String> =
         axes.filter_map(|(axis, g)| Some(format!("{:+.0} {axis}", 1e3 * (*g)?))).collect();
     (!told.is_empty()).then(|| told.join(", "))
-}
-
-/// A cause with its size.
-pub fn cause(named: &Named, report: &Report) -> String {
-    let Some(Cause { kind, motors }) = Cause::find(&named.id) else { return named.id.clone() };
-    let each = motors.iter().zip(&named.theta).zip(&named.theta_90);
-    let told = each.map(|((motor, size), [low, high])| match kind {
-        Kind::Load => {
-            format!("{:.1} g at motor {motor} ({:.1} to {:.1})", 1e3 * size, 1e3 * low, 1e3 * high)
-        }
-        _ => format!(
-            "motor {motor} by {:.0} % ({:.0} to {:.0})",
-            100.0 * size,
-            100.0 * low,
-            100.0 * high
-        ),
-    });
-    let places = told.collect::<Vec<_>>().join(" and ");
-    let times = report.shaking.unwrap_or(1.0);
-    let what = match kind {
-        Kind::WeakMotor => format!(
-            "less thrust for the same command, {places}: propeller cut, bent or worn, or weak motor"
-        ),
-        Kind::Load => format!("a load of {places}"),
-        Kind::Unbalanced => {
-            format!("a propeller out of balance, at any motor: it shakes {times:.1} times as much")
-        }
-        Kind::Swinging => format!("a load that swings: it shakes {times:.1} times as much"),
-    };
-    format!("{what} [{:.2}]", named.probability)
-}
-
-/// What can be shown, before what was found.
-pub fn can_show(all: &[Smallest]) -> String {
-    let told = all.iter().map(|Smallest { kind, size }| {
-        let from = |text: String| size.map_or("none that flies".to_owned(), |_| text);
-        let size = size.unwrap_or(0.0);
-        match kind {
-            Kind::WeakMotor => format!(
-                "one motor's loss of thrust from {}",
-                from(format!("{:.0} % on", 100.0 * size))
-            ),
-            Kind::Load => {
-                format!("a load at one motor from {}", from(format!("{:.1} g on", 1e3 * size)))
-            }
-            _ => format!("shaking from {}", from(format!("{size:.1} times as much on"))),
-        }
-    });
-    told.collect::<Vec<_>>().join(", ")
-}
-
-/// The whole.
-pub fn text(report: &Report) -> String {
-    let mut out = String::new();
-    let _ = writeln!(
-        out,
-        "{} ({:.1} s of hover) against {} references, vehicle {}",
-        report.flight,
-        report.hover_s,
-        report.references.len(),
-        report.vehicle
-    );
-    let _ = writeln!(out, "can show   {}", can_show(&report.can_show));
-    let _ = writeln!(out, "verdict    {}", report.verdict);
-    for axis in &report.balance {
-        let (share, sigma) = (100.0 * axis.share, 100.0 * axis.sigma);
-        let _ = writeln!(out, "  {:<15} {share:+5.1} %, healthy ±{sigma:.1} %", axis.axis);
-    }
-    if let Some(times) = report.shaking {
-        let _ = writeln!(out, "  shaking         {times:.1} times that of the references");
-    }
-    if let Some(mg) = marks(&report.accelerometer_g) {
-        let _ = writeln!(out, "  accelerometer   {mg} mg from that of the references");
-    }
-    if let Some(told) = report.simulator_words() {
-        let _ = writeln!(out, "simulator  {told}");
-    }
-    // Without an explanation there is nothing that could shrink.
-    if let Some(held_out) =
-        report.held_out.as_ref().filter(|held_out| held_out.after != held_out.before)
-    {
-        let _ = writeln!(
-            out,
-            "shrink     {:.2} of vertical force and moments on {}",
-            held_out.shrink,
-            held_out.flights.join(", ")
-        );
-    }
-    for what in &report.not_checked {
-        let _ = writeln!(out, "not checked: {what}");
-    }
-    out
 }

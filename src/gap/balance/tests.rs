@@ -8,7 +8,7 @@ use super::causes::Cause;
 use super::fill::fill;
 use super::flown::{Answer, FLIGHTS, fly_bank};
 use super::hover::Hover;
-use super::report::Judge;
+use super::judge::Judge;
 use crate::outcome::Outcome;
 
 fn vehicle() -> Rotorcraft {

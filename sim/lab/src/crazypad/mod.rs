@@ -15,7 +15,7 @@ use anyhow::Context as _;
 use clap::Args;
 use haltere::cli::{print, print_json};
 use haltere::vehicles;
-use haltere_gap::balance::report::Judge;
+use haltere_gap::balance::judge::Judge;
 use haltere_gap::balance::{Hover, Report};
 use haltere_gap::outcome::Ending;
 use haltere_log::import::motors::read_usdlog;
