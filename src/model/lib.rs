@@ -15,8 +15,8 @@
 //!
 //! Begin with `effects/mod.rs` and `lockstep/flight.rs`. [`plant`] joins `body`, `wings`, `servo`, the simulated board
 //! (`board/`: `persona` a kind of firmware, `lies` what it says that is not so) and the tag (`tag/`); [`faults`] is what
-//! breaks. [`vehicle`] is the vehicle file, `left_out` the laws by which it follows from what it says, and `instruments`
-//! its tables of inner loops, IMU, radio and lines.
+//! breaks. [`vehicle`] is what a vehicle file holds, `vehicle_file` reads one, `left_out` has the laws by which what a file
+//! leaves out follows from what it says, and `instruments` the tables of inner loops, IMU, radio and lines.
 //!
 //! ```
 //! use haltere_dialect::mav::haltere::MavCmd;
@@ -60,6 +60,7 @@ pub mod servo;
 pub mod tag;
 pub mod truth;
 pub mod vehicle;
+mod vehicle_file;
 mod waiting;
 pub mod wings;
 
