@@ -86,6 +86,17 @@ impl PlanFile {
         Ok(file)
     }
 
+    /// Whether the mission ends on the floor.
+    pub fn lands(&self) -> bool {
+        let ends = [
+            MavCmd::MAV_CMD_NAV_LAND,
+            MavCmd::MAV_CMD_NAV_LAND_LOCAL,
+            MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH,
+        ]
+        .map(|command| command as u16);
+        self.mission.last().is_some_and(|item| ends.contains(&item.command))
+    }
+
     /// For scripts: the three lists in the numbers of MISSION_ITEM_INT; a parameter that is not given is null.
     pub fn json(&self) -> Value {
         let item = |item: &MISSION_ITEM_INT_DATA| {
