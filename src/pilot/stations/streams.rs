@@ -106,7 +106,7 @@ const fn on_request(id: u32, make: Make) -> Stream {
 /// Everything that can be shown: HEARTBEAT first, what is sent on request alone last. Silent clients wait for these
 /// (STATIONS.md, Telemetry by default). Our own messages go to who asks for them alone: a client that does not know
 /// them counts the gaps that they leave in the sequence as loss, a fifth of a perfect link.
-pub static STREAMS: [Stream; 34] = [
+pub static STREAMS: &[Stream] = &[
     stream(HEARTBEAT, 1.0, None, Always(telemetry::heartbeat)),
     stream(1, 2.0, STATUS, Always(telemetry::sys_status)),
     stream(24, 2.0, STATUS, Gps(telemetry_global::gps_raw)),
