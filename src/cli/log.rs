@@ -7,12 +7,13 @@ use std::process::ExitCode;
 use clap::Subcommand;
 use serde::Serialize;
 
-use super::log_export::{Export, Tlog, parse_link};
+use super::log_export::{Export, Tlog};
 use super::log_list::List;
 use super::output::{print, print_json};
 use haltere_core::time::HostTime;
 use haltere_log::record::{
-    Decoded, Entry, LogEnd, LogReader, RawInput, recover, recovered_name, trim, trimmed_name,
+    Decoded, Entry, LogEnd, LogReader, RawInput, link_from_name, recover, recovered_name, trim,
+    trimmed_name,
 };
 
 /// Handles flight logs.
@@ -238,7 +239,7 @@ fn name_of(channel: &str) -> Option<String> {
         "/in/event" | "/in/peer" | "/in/lost" => Some("link event"),
         _ => Decoded::CHANNELS.iter().map(|(name, _)| *name).find(|name| *name == channel),
     };
-    let link = |way: &str| channel.strip_prefix(way).and_then(|name| parse_link(name).ok());
+    let link = |way: &str| channel.strip_prefix(way).and_then(link_from_name);
     fixed.map(str::to_owned).or_else(|| {
         let put_in = link("/in/").map(|link| format!("input on link {}", link.number()));
         put_in.or_else(|| Some(format!("output on link {}", link("/out/")?.number())))

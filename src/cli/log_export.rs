@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::output::{print, print_json};
 use haltere_log::export::{Form, create, links, write_tables, write_tlog, write_tum};
-use haltere_log::record::{LogEnd, LogReader};
+use haltere_log::record::{LogEnd, LogReader, link_from_name, link_name};
 use haltere_pilot::LinkId;
 
 /// Form of the tables.
@@ -181,24 +181,8 @@ impl Tlog {
     }
 }
 
-fn link_name(link: LinkId) -> String {
-    match link {
-        LinkId::Tag => "tag".into(),
-        LinkId::Board => "board".into(),
-        LinkId::Ground(n) => format!("ground/{n}"),
-    }
-}
-
-pub(super) fn parse_link(text: &str) -> Result<LinkId, String> {
-    match text {
-        "tag" => Ok(LinkId::Tag),
-        "board" => Ok(LinkId::Board),
-        _ => text
-            .strip_prefix("ground/")
-            .and_then(|n| n.parse().ok())
-            .map(LinkId::Ground)
-            .ok_or_else(|| "write tag, board, or ground/N".to_owned()),
-    }
+fn parse_link(text: &str) -> Result<LinkId, String> {
+    link_from_name(text).ok_or_else(|| "write tag, board, or ground/N".to_owned())
 }
 
 /// A log that does not end well is read as far as it goes, and people are told.

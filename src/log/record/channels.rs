@@ -19,7 +19,8 @@ pub(super) fn output_channel(link: LinkId) -> String {
     format!("/out/{}", link_name(link))
 }
 
-fn link_name(link: LinkId) -> String {
+/// Its name in channels and for people.
+pub fn link_name(link: LinkId) -> String {
     match link {
         LinkId::Tag => "tag".into(),
         LinkId::Board => "board".into(),
@@ -28,7 +29,7 @@ fn link_name(link: LinkId) -> String {
 }
 
 /// The link of `/in/…` or `/out/…` without its first part.
-pub(super) fn link_from_name(name: &str) -> Option<LinkId> {
+pub fn link_from_name(name: &str) -> Option<LinkId> {
     match name {
         "tag" => Some(LinkId::Tag),
         "board" => Some(LinkId::Board),

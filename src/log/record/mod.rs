@@ -45,7 +45,7 @@ mod tail;
 mod trim;
 mod writer;
 
-pub use channels::{Decoded, GlueState};
+pub use channels::{Decoded, GlueState, link_from_name, link_name};
 pub use entry::{Entry, RawInput};
 pub use errors::{LogEnd, LogError};
 pub use flights::{FlightPart, Flights, LogFlight, is_on_floor};
