@@ -18,6 +18,8 @@ pub struct Key {
     pub range: Option<Range>,
     /// A value to show where the default is none; else empty.
     pub example: &'static str,
+    /// A number of the vehicle, whatever room it flies in: a vehicle may tell it.
+    pub of_vehicle: bool,
     /// Parameters that stations know it by: one, or one for each number of a list.
     pub parameters: &'static [Told],
 }
@@ -326,12 +328,12 @@ pub fn check(at: &str, key: Option<&Key>, value: &dyn Value, problems: &mut Prob
 ///
 /// ```text
 /// /// What people are told of it.
-/// name: type = default, [low..=high, "unit"], {"example"}, PARAMETER(index, When, "text of its own");
+/// name: type = default, [low..=high, "unit"], {"example"}, @vehicle, PARAMETER(index, When, "text of its own");
 /// ```
 ///
 /// All behind the default may be left out. `~[low..=high, …]` is told and not checked: the section's own rules do it.
-/// `sections` holds one section a row, with its default and parameters where those are its own; `rules` names a method that finds what
-/// joins two values. In a `whole` struct a file has to name all keys or none.
+/// `@vehicle`: a number of the vehicle, which a vehicle may tell. `sections` holds one section a row, with its default and
+/// parameters where those are its own; `rules` names a method that finds what joins two values. In a `whole` struct a file has to name all keys or none.
 #[macro_export]
 macro_rules! keys {
     (@or) => { Default::default() };
@@ -347,6 +349,7 @@ macro_rules! keys {
             $(, [$range:expr $(, $unit:literal)?])?
             $(, ~[$wide:expr $(, $wide_unit:literal)?])?
             $(, {$example:literal})?
+            $(, @$vehicle:ident)?
             $(, $parameter:ident($index:literal, $when:ident $(, $own:literal)?))*;)*
     } $(sections {
         $($(#[doc = $about:literal])+ $section:ident: $inner:ty $(= $section_default:expr)?
@@ -380,6 +383,7 @@ macro_rules! keys {
                     $($crate::keys::Range::of(&$wide, concat!("" $(, $wide_unit)?), false),)?
                 ]),
                 example: concat!("" $(, $example)?),
+                of_vehicle: !{ const OF: &[&str] = &[$(stringify!($vehicle))?]; OF }.is_empty(),
                 parameters: &[$($crate::keys::Told {
                     index: $index,
                     name: stringify!($parameter),

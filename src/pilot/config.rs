@@ -116,6 +116,7 @@ const SYSTEM_ID: Key = Key {
     kind: u8::kind,
     range: Some(Range { low: 1.0, high: 250.0, unit: "", checked: true }),
     example: "",
+    of_vehicle: false,
     parameters: &[Told { index: 0, name: "MAV_SYS_ID", when: When::Restart, text: "" }],
 };
 
@@ -223,7 +224,7 @@ haltere_core::keys! {
         /// Least height of a return. 0: it flies at the height it has.
         return_height_m: f64 = 0.0, [0.0..=20.0, "m"], FLT_RTN_HGT(9, AtOnce);
         /// Height of the feet below the point that is tracked.
-        gear_height_m: f64 = 0.0, [0.0..=0.5, "m"], FLT_GEAR_HGT(11, OnFloor);
+        gear_height_m: f64 = 0.0, [0.0..=0.5, "m"], @vehicle, FLT_GEAR_HGT(11, OnFloor);
         /// Time armed on the floor after which the vehicle disarms.
         idle_disarm_s: f64 = 15.0, [2.0..=600.0, "s"], FLT_IDLE_T(12, AtOnce);
         /// Watch a vehicle that somebody else flies, as `haltere fly --shadow`: estimate, record what would be sent,

@@ -20,7 +20,7 @@ use self::layers::Layers;
 use haltere_core::checks::Problems;
 use haltere_core::survey::Survey;
 use haltere_pilot::settings::{Config, Note};
-pub use vehicle::{Origin, VEHICLE_KEYS, VehicleKeys};
+pub use vehicle::{Origin, VehicleKeys};
 
 /// File that is read from the working directory when none is named.
 pub const DEFAULT_FILE: &str = "haltere.toml";

@@ -1,28 +1,24 @@
 //! Numbers of a vehicle among the keys of the configuration.
 
+use std::sync::LazyLock;
+
 use toml::{Table, Value};
 
 use super::layers::{Layers, lookup};
 use haltere_core::checks::Problems;
+use haltere_core::keys::{Row, Section as _, below};
 use haltere_pilot::settings::{Config, read_config};
 
 /// Keys that belong to the vehicle, whatever room it flies in: drag, levers, and how far its accelerometer and gyroscope
 /// can be believed in flight. All else of the filter is the same for every vehicle.
-pub const VEHICLE_KEYS: [&str; 13] = [
-    "flight.gear_height_m",
-    "estimator.specific_force",
-    "estimator.drag",
-    "estimator.drag_per_s",
-    "estimator.cop_z_m",
-    "estimator.acc_average_s",
-    "estimator.p_BT_B_m",
-    "estimator.rest_height_m",
-    "estimator.align_s",
-    "estimator.process.std_acc_xy_mps2_rthz",
-    "estimator.process.std_acc_z_mps2_rthz",
-    "estimator.process.std_rate_radps_rthz",
-    "estimator.process.std_pos_m_rts",
-];
+static VEHICLE_KEYS: LazyLock<Vec<String>> = LazyLock::new(|| {
+    let mut keys = Vec::new();
+    Config::rows("", &mut |at, row| match row {
+        Row::Key(key) if key.of_vehicle => keys.push(below(at, key.name)),
+        _ => {}
+    });
+    keys
+});
 
 /// Numbers of a vehicle, as lines of a configuration.
 #[derive(Debug, Clone)]
@@ -52,7 +48,7 @@ impl VehicleKeys {
         let read = read_config(&self.name, &self.text)?;
         let mut keys = Vec::new();
         leaves(&read.table, "", &mut keys);
-        match keys.iter().find(|key| !VEHICLE_KEYS.contains(&key.as_str())) {
+        match keys.iter().find(|key| !VEHICLE_KEYS.contains(key)) {
             None => Ok(read.table),
             Some(key) => Err(Problems::one(format!(
                 "{}: {key} is no number of a vehicle, allowed are {}; it belongs into the configuration (--config)",
@@ -76,13 +72,13 @@ fn leaves(table: &Table, section: &str, keys: &mut Vec<String>) {
 /// Where each number of the vehicle comes from.
 pub(super) fn origins(config: &Config, layers: &Layers) -> Vec<Origin> {
     let values = Table::try_from(config).unwrap_or_default();
-    let origin = |key: &'static str| Origin {
+    let origin = |key: &'static String| Origin {
         key,
         value: lookup(&values, key).cloned(),
         from: layers.origin_name(key).map(str::to_owned),
         over_files: layers.is_set(key) && !layers.is_of_file(key),
     };
-    VEHICLE_KEYS.map(origin).into()
+    VEHICLE_KEYS.iter().map(origin).collect()
 }
 
 #[cfg(test)]

@@ -69,16 +69,16 @@ crate::keys! {
         /// Process noise of the specific force along body x and y.
         ///
         /// Error of the drag model, or of the accelerometer where it is used.
-        std_acc_xy_mps2_rthz: f64 = 1.0, [1e-3..=20.0, "m/s²/√Hz"], EST_STD_ACC_XY(129, Restart);
+        std_acc_xy_mps2_rthz: f64 = 1.0, [1e-3..=20.0, "m/s²/√Hz"], @vehicle, EST_STD_ACC_XY(129, Restart);
         /// Process noise of the specific force along body z.
         // Flapping of 0.79 g rms sampled at 100 Hz aliases to 0.77.
-        std_acc_z_mps2_rthz: f64 = 0.8, [1e-3..=20.0, "m/s²/√Hz"], EST_STD_ACC_Z(130, Restart);
+        std_acc_z_mps2_rthz: f64 = 0.8, [1e-3..=20.0, "m/s²/√Hz"], @vehicle, EST_STD_ACC_Z(130, Restart);
         /// Process noise of the angular rate.
-        std_rate_radps_rthz: f64 = 0.02, [1e-5..=2.0, "rad/s/√Hz"], EST_STD_RATE(131, Restart);
+        std_rate_radps_rthz: f64 = 0.02, [1e-5..=2.0, "rad/s/√Hz"], @vehicle, EST_STD_RATE(131, Restart);
         /// Process noise of the position.
         ///
         /// What the other terms do not cover.
-        std_pos_m_rts: f64 = 0.01, [0.0..=2.0, "m/√s"], EST_STD_POS(132, Restart);
+        std_pos_m_rts: f64 = 0.01, [0.0..=2.0, "m/√s"], @vehicle, EST_STD_POS(132, Restart);
     }
 }
 
@@ -264,21 +264,21 @@ crate::keys! {
         // The state itself follows each sample.
         covariance_step_s: f64 = 0.0, [0.0..=0.02, "s"], EST_COV_STEP(152, Restart);
         /// Where the specific force comes from in flight.
-        specific_force: SpecificForce = SpecificForce::ThrustAxis, EST_FORCE(111, Restart);
+        specific_force: SpecificForce = SpecificForce::ThrustAxis, @vehicle, EST_FORCE(111, Restart);
         /// Whether the drag model is used (with the thrust axis only).
-        drag: bool = true, EST_DRAG(112, Restart);
+        drag: bool = true, @vehicle, EST_DRAG(112, Restart);
         /// Drag along body x, y, z over mass, 1/s (crazyflie-firmware for this vehicle). The z entry completes the
         /// vehicle's record and enters no equation here: the accelerometer measures it.
-        drag_per_s: [f64; 3] = [4.2, 1.8, 0.3], [0.0..=20.0, "1/s"],
+        drag_per_s: [f64; 3] = [4.2, 1.8, 0.3], [0.0..=20.0, "1/s"], @vehicle,
             EST_DRAG_X(113, Restart, "Drag along body x over mass."),
             EST_DRAG_Y(114, Restart, "Drag along body y over mass."),
             EST_DRAG_Z(115, Restart, "Drag along body z over mass.");
         /// Centre of pressure above the centre of mass.
-        cop_z_m: f64 = 0.03, [-0.5..=0.5, "m"], EST_COP_Z(116, Restart);
+        cop_z_m: f64 = 0.03, [-0.5..=0.5, "m"], @vehicle, EST_COP_Z(116, Restart);
         /// Time constant of the low-pass on the accelerometer. 0: off.
         ///
         /// It takes the edge off a beat of 13 Hz (factor 0.6 at the default) at the price of as much lag.
-        acc_average_s: f64 = 0.015, [0.0..=0.2, "s"], EST_ACC_AVG_T(117, Restart);
+        acc_average_s: f64 = 0.015, [0.0..=0.2, "s"], @vehicle, EST_ACC_AVG_T(117, Restart);
         /// Time from which on the accelerometer shows forces beyond drag, such as wind. 0: off.
         ///
         /// Not for an accelerometer that is off in flight by 1 m/s² and more.
@@ -297,7 +297,7 @@ crate::keys! {
         // They are taken off before anything else.
         range_bias_m: Vec<[f64; 2]> = Vec::new();
         /// Tag antenna seen from the centre of mass, body frame.
-        p_BT_B_m: [f64; 3] = [0.0; 3], [-1.0..=1.0, "m"],
+        p_BT_B_m: [f64; 3] = [0.0; 3], [-1.0..=1.0, "m"], @vehicle,
             EST_TAG_X(121, Restart, "Tag antenna seen from the centre of mass, body x."),
             EST_TAG_Y(122, Restart, "Tag antenna seen from the centre of mass, body y."),
             EST_TAG_Z(123, Restart, "Tag antenna seen from the centre of mass, body z.");
@@ -308,12 +308,12 @@ crate::keys! {
         /// One sigma of a motion-capture position.
         std_reference_m: f64 = 0.01, [1e-4..=1.0, "m"], EST_REF_STD(144, Restart);
         /// Rest that is needed before a start from rest.
-        align_s: f64 = 1.0, [0.05..=30.0, "s"], EST_ALIGN_T(145, Restart);
+        align_s: f64 = 1.0, [0.05..=30.0, "s"], @vehicle, EST_ALIGN_T(145, Restart);
         /// Height of the centre of mass above the origin while standing, -50 to 50 m, if the place of take-off is known:
         /// near the floor TDOA alone tells height badly.
         // Unset: `flight.gear_height_m` where that is told and errors of the UWB are learned, for a take-off from the
         // floor; else not known. From a table, say its height and the gear's.
-        rest_height_m: Option<f64> = None, ~[-51.0..=50.0, "m"], {"0.05"},
+        rest_height_m: Option<f64> = None, ~[-51.0..=50.0, "m"], {"0.05"}, @vehicle,
             EST_REST_HGT(180, Restart, "Height of the centre of mass while standing. -51: not told.");
     } sections {
         /// Motion without IMU.
