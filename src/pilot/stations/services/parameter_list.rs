@@ -7,6 +7,10 @@ use crate::config::PilotConfig;
 
 /// What every client sees, in the order of the indices.
 pub fn common() -> Vec<Parameter> {
+    indexed().into_iter().map(|(_, parameter)| parameter).collect()
+}
+
+fn indexed() -> Vec<(usize, Parameter)> {
     let mut found: Vec<(usize, Parameter)> = Vec::new();
     // Of a section whose parameters are told where it is named, those of the keys to come.
     let mut apart: &[Told] = &[];
@@ -22,7 +26,7 @@ pub fn common() -> Vec<Parameter> {
         }
     });
     found.sort_by_key(|(index, _)| *index);
-    found.into_iter().map(|(_, parameter)| parameter).collect()
+    found
 }
 
 fn of_key(name: String, part: usize, key: &Key, told: &Told) -> Parameter {
@@ -93,4 +97,16 @@ pub fn px4_only() -> Vec<Parameter> {
         fixed("CAL_MAG0_ID", "Tells clients of PX4 that no compass waits for calibration."),
         fixed("COM_RC_IN_MODE", "Tells clients of PX4 that a joystick is the only manual control."),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_indices_are_counted_without_a_gap() {
+        for ((index, parameter), due) in indexed().iter().zip(0..) {
+            assert_eq!(*index, due, "{}: {due} is due", parameter.name);
+        }
+    }
 }
