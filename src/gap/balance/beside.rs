@@ -95,18 +95,20 @@ pub fn beside<'a>(
     let named: Vec<Block> = named.filter_map(|id| Some(library::find(id)?.block)).collect();
     let (agree, comparison) = compared(&apart, &named, is_gap);
     let told = apart.iter().take(LISTED).map(|apart| {
-        let unit = if apart.unit == "1" { "" } else { apart.unit };
-        format!("{} ({}) by {:+.3} {unit}", apart.name, apart.meaning, apart.by)
-            .trim_end()
-            .to_owned()
+        let by = match apart.unit {
+            "ln" => format!("{:+.0} %", 100.0 * apart.by.exp_m1()),
+            "1" => format!("{:+.3}", apart.by),
+            unit => format!("{:+.3} {unit}", apart.by),
+        };
+        format!("{} {by} ({})", apart.meaning, apart.name)
     });
     let told: Vec<String> = told.collect();
     let found = match told.is_empty() {
-        true => "no number of it is beyond what accepted flights scatter by".to_owned(),
-        false => format!("beyond what accepted flights scatter by: {}", told.join("; ")),
+        true => "nothing is beyond the scatter of the accepted flights".to_owned(),
+        false => format!("beyond the scatter of the accepted flights: {}", told.join(", ")),
     };
     let words = format!(
-        "Forces, actuators and battery beside accepted flights alone, nothing simulated: {found}. {comparison}"
+        "Forces, actuators and battery by measurement alone, nothing simulated: {found}. {comparison}"
     );
     Some(Beside { looked_at: known.len(), apart, agree, words })
 }
@@ -183,7 +185,8 @@ mod tests {
         let thrust = said(-9.0, true, &["P1"]);
         assert_eq!((thrust.agree, &thrust.apart[0].name[..]), (Some(true), "force.z.const"));
         assert!(
-            thrust.words.contains("by -9.000 m/s²") && thrust.words.contains("agree in thrust")
+            thrust.words.contains("-9.000 m/s² (force.z.const)")
+                && thrust.words.contains("agree in thrust")
         );
         assert_eq!(said(0.0, true, &["U2"]).agree, None);
         assert_eq!(said(0.0, true, &["P1"]).agree, Some(false));

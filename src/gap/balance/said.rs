@@ -88,73 +88,79 @@ impl Report {
         told.collect::<Vec<_>>().join(", ")
     }
 
-    /// A cause with its size.
+    /// A cause with its size and 90 % of it, and what usually makes it, as a part of a sentence.
     pub fn cause_words(&self, named: &Named) -> String {
         let Some(Cause { kind, motors }) = Cause::find(&named.id) else { return named.id.clone() };
-        let each = motors.iter().zip(&named.theta).zip(&named.theta_90);
-        let told = each.map(|((motor, size), [low, high])| match kind {
-            Kind::Load => {
-                format!(
-                    "{:.1} g at motor {motor} ({:.1} to {:.1})",
-                    1e3 * size,
-                    1e3 * low,
-                    1e3 * high
-                )
-            }
-            _ => format!(
-                "motor {motor} by {:.0} % ({:.0} to {:.0})",
-                100.0 * size,
-                100.0 * low,
-                100.0 * high
-            ),
-        });
-        let places = told.collect::<Vec<_>>().join(" and ");
         let times = self.shaking.unwrap_or(1.0);
-        let what = match kind {
-            Kind::WeakMotor => format!(
-                "less thrust for the same command, {places}: propeller cut, bent or worn, or weak motor"
-            ),
-            Kind::Load => format!("a load of {places}"),
-            Kind::Unbalanced => {
-                format!(
-                    "a propeller out of balance, at any motor: it shakes {times:.1} times as much"
-                )
+        let shakes = format!("the vehicle shakes {times:.1} times as much as the accepted flights");
+        let each = || motors.iter().zip(&named.theta).zip(&named.theta_90);
+        match kind {
+            Kind::WeakMotor => {
+                let told = each().map(|((motor, size), [low, high])| {
+                    let [size, low, high] = [size, low, high].map(|share| 100.0 * share);
+                    format!("motor {motor} gives {size:.0} % less thrust ({low:.0} to {high:.0} %)")
+                });
+                let all = told.collect::<Vec<_>>().join(" and ");
+                format!("for the same command {all}: propeller cut, bent or worn, or a weak motor")
             }
-            Kind::Swinging => format!("a load that swings: it shakes {times:.1} times as much"),
-        };
-        format!("{what} [{:.2}]", named.probability)
+            Kind::Load => {
+                let told = each().map(|((motor, size), [low, high])| {
+                    let [size, low, high] = [size, low, high].map(|kg| 1e3 * kg);
+                    format!("{size:.1} g at motor {motor} ({low:.1} to {high:.1} g)")
+                });
+                format!("the vehicle carries a load of {}", told.collect::<Vec<_>>().join(" and "))
+            }
+            Kind::Unbalanced => {
+                format!("a propeller is out of balance, and at which motor does not show: {shakes}")
+            }
+            Kind::Swinging => format!("a load swings: {shakes}"),
+        }
     }
 }
 
-/// The outcome as a sentence.
+/// The outcome in sentences that anybody can read: what differs and by how much, how sure that is, what to look at.
 pub fn verdict(report: &Report, weighed: &Weighed) -> String {
     let told: Vec<String> =
         report.outcome.effects().iter().map(|named| report.cause_words(named)).collect();
+    let of_those: f64 = report.outcome.effects().iter().map(|named| named.probability).sum();
     match &report.outcome {
         Outcome::NoMaterialGap => format!(
-            "no gap: nothing beyond what these references can show (probability {:.2})",
-            weighed.nothing
+            "Nothing differs from the accepted flights by more than these can show. {} Nothing to do.",
+            sure(weighed.nothing)
         ),
         Outcome::NotInLibrary { remainder } => {
             let far: Vec<String> =
                 remainder.statistics.iter().map(|(axis, z)| format!("{axis} {z:+.1}")).collect();
             let what = if weighed.another > weighed.something_else {
                 format!(
-                    "another vehicle than the references', and no fault [{:.2}]: its motors share the weight otherwise{}",
-                    weighed.another,
+                    "This is another vehicle than that of the accepted flights, and no fault: its motors share the weight \
+                     otherwise{}. {} Next: give accepted flights of this vehicle.",
                     marks(&report.accelerometer_g).map_or_else(String::new, |mg| format!(
                         ", and its accelerometer is off by {mg} mg from theirs"
-                    ))
+                    )),
+                    sure(weighed.another)
                 )
             } else {
-                "not in the list: this vehicle with other propellers, or another one, or a change that no cause here makes"
+                "Something differs that no cause known here makes. Usual: other propellers, another vehicle, \
+                 another place of the battery."
                     .to_owned()
             };
-            format!("{what}; in sigma: {}", far.join(", "))
+            format!("{what} Farthest, in sigma: {}.", far.join(", "))
         }
-        _ if told.len() > 1 => format!("one of: {}", told.join("; or ")),
-        _ => format!("named: {}", told.concat()),
+        _ if told.len() > 1 => format!("Either {}. {}", told.join("; or "), sure(of_those)),
+        _ => {
+            let mut letters = told.concat();
+            if let Some(first) = letters.get_mut(..1) {
+                first.make_ascii_uppercase();
+            }
+            format!("{letters}. {}", sure(of_those))
+        }
     }
+}
+
+/// How sure it is. No more is ever said than what a count of flights could show.
+fn sure(probability: f64) -> String {
+    format!("Sure to {:.0} %.", 100.0 * probability.min(0.99))
 }
 
 /// How far the offsets of the accelerometer lie from those of the references; `None` where none was logged.

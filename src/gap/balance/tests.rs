@@ -112,7 +112,7 @@ fn prop_two_weak_motors_are_a_set_at_these_two() {
 fn prop_another_vehicle_is_no_fault_of_this_one() {
     let report = judged([0.85, 1.15, 0.8, 1.2], 0.02);
     assert!(matches!(report.outcome, Outcome::NotInLibrary { .. }));
-    assert!(report.verdict.starts_with("another vehicle"), "{}", report.verdict);
+    assert!(report.verdict.starts_with("This is another vehicle"), "{}", report.verdict);
 }
 
 #[test]
