@@ -9,7 +9,7 @@
 
 pub mod detectable;
 mod flight;
-mod list;
+pub mod list;
 
 use std::path::{Path, PathBuf};
 

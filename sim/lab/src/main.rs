@@ -4,7 +4,7 @@
 //!
 //! Begin with `sim/lab/PROTOCOL.md`. `generator` is another world without shared physics, `cases` the sealed suite that is
 //! flown in it, `blind` its scorer (`hall.rs` answers before any key is opened), `withheld`, `retune` and `outside` what the
-//! diagnosis is compared with; `util_flights` runs the filter on recorded flights, `recorded` and
+//! diagnosis is compared with; `worlds` draws many vehicles, rooms, computers and laws; `util_flights` runs the filter on recorded flights, `recorded` and
 //! `lines_of_sight` study them, `balance` weighs their forces, `crazypad` scores the diagnosis on real flights with known causes, `inject` effects at
 //! sensors that are applied to recordings, `aids` and `tune` the estimator and
 //! the gains; `paper` flies the experiments of the source, `beside` its steps in that other world. `faults` breaks
@@ -40,6 +40,7 @@ mod tune;
 mod util_flights;
 mod variation;
 mod withheld;
+mod worlds;
 
 use std::process::ExitCode;
 
@@ -65,6 +66,8 @@ enum Command {
     Detectable(cases::detectable::Options),
     /// Scores a sealed suite of flights.
     Blind(commands::blind::Blind),
+    /// Scores the diagnosis on many drawn worlds: other vehicles, rooms, computers, and laws (sim/lab/PROTOCOL.md).
+    Worlds(worlds::Options),
     /// Which step of the diagnosis loses the name of flights whose cause is known.
     Ladder(commands::ladder::Ladder),
     /// Studies of the estimator on recorded UWB flights with motion capture: docs/ESTIMATOR.md.
@@ -120,6 +123,7 @@ fn main() -> ExitCode {
         Command::Cases(options) => cases::run(&options).map(code),
         Command::Detectable(options) => cases::detectable::run(&options).map(code),
         Command::Blind(blind) => blind.run(),
+        Command::Worlds(options) => worlds::run(&options).map(code),
         Command::Ladder(ladder) => ladder.run(),
         Command::Recorded(recorded) => recorded.run(),
         Command::Util(util) => util.run(),

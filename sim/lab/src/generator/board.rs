@@ -9,8 +9,8 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::craft::{Craft, HOVER_COMMAND_V, SERVO_LIMIT_RAD, WING_M};
-use super::dynamics::{Order, WEIGHT_N};
+use super::craft::{Craft, SERVO_LIMIT_RAD};
+use super::dynamics::Order;
 use super::effects::Deviations;
 
 /// Period of the loops, s.
@@ -24,10 +24,6 @@ const ERROR_RAD: [f64; 3] = [0.6, 0.6, 0.4];
 const HOLD_RADPS2: f64 = 28.0;
 /// The setpoint that counts for the hold follows with this time constant, s.
 const FAST_S: f64 = 0.2;
-/// Low-pass on the gyroscope, s: takes the wing beat out.
-const GYRO_S: f64 = 0.005;
-/// Lag of the motors that the roll loop leads away, and what is left, s.
-const LEAD_S: [f64; 2] = [0.078, 0.022];
 /// Largest difference of throttle.
 const DIFFERENCE: f64 = 0.28;
 
@@ -104,7 +100,7 @@ impl Pilotage {
         supply_v: f64,
         d: &Deviations,
     ) {
-        self.gyro += (rate - self.gyro) * (PERIOD_S / (GYRO_S + PERIOD_S));
+        self.gyro += (rate - self.gyro) * (PERIOD_S / (craft.gyro_s + PERIOD_S));
         let Some(target) = self.target(believed) else {
             self.rest();
             return;
@@ -172,11 +168,12 @@ impl Pilotage {
             alpha[i] = kr * (ka * e[i].clamp(-limit, limit) - self.gyro[i]) + self.hold[i];
         }
         // The maker's vehicle: nominal inertia, hover law, arms.
-        let hover = HOVER_COMMAND_V / supply_v.max(3.0);
-        let thrust_n = (WEIGHT_N * throttle / hover).max(0.4 * WEIGHT_N);
-        let roll_n = craft.inertia_kgm2[0] * alpha.x / (2.0 * WING_M);
-        let wanted = hover * roll_n / (0.5 * WEIGHT_N);
-        let [lag_s, left_s] = LEAD_S;
+        let weight_n = craft.weight_n();
+        let hover = craft.hover_command_v / supply_v.max(3.0);
+        let thrust_n = (weight_n * throttle / hover).max(0.4 * weight_n);
+        let roll_n = craft.inertia_kgm2[0] * alpha.x / (2.0 * craft.wing_m);
+        let wanted = hover * roll_n / (0.5 * weight_n);
+        let [lag_s, left_s] = craft.lead_s;
         self.lead += (wanted - self.lead) * (PERIOD_S / (left_s + PERIOD_S));
         let difference = wanted + (lag_s / left_s - 1.0) * (wanted - self.lead);
         let difference = difference.clamp(-DIFFERENCE, DIFFERENCE);

@@ -4,22 +4,26 @@
 //! counts·V, drag fits of recorded flights, flight time of the pack); the laws they enter are the
 //! generator's own. Hover thrust at command × voltage = 4.73 V, slope close to 1.
 
+use haltere_core::frames::G_MPS2;
+
 use super::noise::Noise;
 
-/// Command times supply voltage in hover, V (recorded flights: 310 000 / 65 535).
-pub const HOVER_COMMAND_V: f64 = 4.73;
-/// Flap rate in hover, Hz.
-pub const HOVER_HZ: f64 = 12.75;
 /// Travel of the dihedral servo and of the wing-root servo, rad.
 pub const SERVO_LIMIT_RAD: [f64; 2] = [0.314, 0.785];
-/// Wing centre from the middle, m.
-pub const WING_M: f64 = 0.08;
 
 /// The healthy vehicle.
 #[derive(Debug, Clone)]
 pub struct Craft {
+    /// Mass that the maker states, and that figures in hover refer to, kg.
+    pub stated_kg: f64,
     /// Mass, kg.
     pub mass_kg: f64,
+    /// Command times supply voltage in hover, V (recorded flights: 310 000 / 65 535).
+    pub hover_command_v: f64,
+    /// Flap rate in hover, Hz.
+    pub hover_hz: f64,
+    /// Wing centre from the middle, m.
+    pub wing_m: f64,
     /// Moments of inertia, kg·m².
     pub inertia_kgm2: [f64; 3],
     /// Thrust in hover over the nominal weight.
@@ -71,6 +75,14 @@ pub struct Craft {
     pub hold_gain: f64,
     /// See `hold_gain`.
     pub hold_s: f64,
+    /// Board: low-pass on the gyroscope, s: takes the wing beat out.
+    pub gyro_s: f64,
+    /// Board: lag of the motors that the roll loop leads away, and what is left, s.
+    pub lead_s: [f64; 2],
+    /// Board: a setpoint waits so long, s.
+    pub setpoint_delay_s: f64,
+    /// Linkage off: dihedral and wing root, rad.
+    pub trim_rad: [f64; 2],
     /// Board: wander of its level, rad, and its correlation, s.
     pub lean_rad: f64,
     /// See `lean_rad`.
@@ -101,7 +113,11 @@ impl Craft {
     /// The healthy vehicle.
     pub fn healthy(gear_m: f64, antenna_B_m: [f64; 3]) -> Self {
         Self {
+            stated_kg: 0.102,
             mass_kg: 0.102,
+            hover_command_v: 4.73,
+            hover_hz: 12.75,
+            wing_m: 0.08,
             inertia_kgm2: [5.6e-4, 3.4e-4, 3.6e-4],
             lift: 1.0,
             lift_exponent: 1.06,
@@ -127,6 +143,10 @@ impl Craft {
             rate_per_s: [16.5, 16.5, 11.0],
             hold_gain: 3.6,
             hold_s: 1.1,
+            gyro_s: 0.005,
+            lead_s: [0.078, 0.022],
+            setpoint_delay_s: 0.0,
+            trim_rad: [0.0; 2],
             lean_rad: 0.006,
             lean_s: 18.0,
             north_rad: 0.07,
@@ -140,6 +160,11 @@ impl Craft {
             gear_m,
             antenna_B_m,
         }
+    }
+
+    /// Weight of the mass that the maker states, N.
+    pub fn weight_n(&self) -> f64 {
+        self.stated_kg * G_MPS2
     }
 
     /// Changes every constant by up to ±5 %; mass and thrust by up to ±1 %, because 5 % of

@@ -14,11 +14,9 @@ use haltere_core::frames::G_MPS2;
 use nalgebra::{Quaternion, SVector, UnitQuaternion, Vector3};
 use std::f64::consts::TAU;
 
-use super::craft::{Craft, HOVER_COMMAND_V, HOVER_HZ, SERVO_LIMIT_RAD, WING_M};
+use super::craft::{Craft, SERVO_LIMIT_RAD};
 use super::effects::Deviations;
 
-/// Nominal weight that hover figures refer to, N.
-pub const WEIGHT_N: f64 = 0.102 * G_MPS2;
 /// Modulation of thrust within the beat: first and second harmonic, phase of the second.
 const BEAT: [f64; 3] = [0.30, 0.55, 0.6];
 /// Fore-and-aft force within the beat, share of thrust, and its lever in yaw, m: the wings of a
@@ -70,6 +68,10 @@ pub struct Surroundings {
     pub wind_E_mps: Vector3<f64>,
     /// Other forces: cable, slung mass; Earth frame, N.
     pub pull_E_n: Vector3<f64>,
+    /// Others along the body, N, and moments about its axes, N·m.
+    pub push_B_n: Vector3<f64>,
+    /// See `push_B_n`.
+    pub twist_B_nm: Vector3<f64>,
 }
 
 /// Forces at an instant.
@@ -108,7 +110,7 @@ impl Motion {
         x[P] = north_m;
         x[P + 1] = east_m;
         // Feet pressed in by the weight.
-        x[P + 2] = -craft.gear_m + WEIGHT_N / (4.0 * FOOT_N_PER_M);
+        x[P + 2] = -craft.gear_m + craft.weight_n() / (4.0 * FOOT_N_PER_M);
         x[Q] = 1.0;
         x[THETA] = phase[0];
         x[THETA + 1] = phase[1];
@@ -183,7 +185,7 @@ impl Motion {
     /// Current and voltage from what the motors do now.
     fn feed(&mut self, craft: &Craft, d: &Deviations, t_s: f64) {
         let [motors_w, electronics_w] = craft.power_w;
-        let load: f64 = self.flap_hz().iter().map(|f| (f / HOVER_HZ).powf(2.8)).sum();
+        let load: f64 = self.flap_hz().iter().map(|f| (f / craft.hover_hz).powf(2.8)).sum();
         self.current_a = (0.5 * motors_w * load + electronics_w) / self.supply_v.max(LEAST_V);
         let charge = craft.charge_frac - self.x[USED] / d.propulsion.capacity(craft.capacity_as);
         let ohm = craft.resistance_ohm[0] + d.propulsion.ohmic + d.unknown.contact_ohm(t_s);
@@ -203,7 +205,7 @@ pub fn cell_v(charge: f64) -> f64 {
 
 /// Flap rate per command and volt, so that hover is at its recorded place.
 fn motor_gain(craft: &Craft) -> f64 {
-    HOVER_HZ * (1.0 + craft.gear_drag) / HOVER_COMMAND_V
+    craft.hover_hz * (1.0 + craft.gear_drag) / craft.hover_command_v
 }
 
 fn slope(
@@ -230,13 +232,13 @@ fn slope(
         rate[W + i] = alpha[i];
     }
     (rate[Q], rate[Q + 1], rate[Q + 2], rate[Q + 3]) = (q.w, q.i, q.j, q.k);
-    let (gain, drag) = (motor_gain(craft), craft.gear_drag / HOVER_HZ);
+    let (gain, drag) = (motor_gain(craft), craft.gear_drag / craft.hover_hz);
     for wing in 0..2 {
         let f = x[F + wing];
         let drive = d.propulsion.drive(
             gain * order.throttle[wing].clamp(0.0, 1.0) * supply_v,
             supply_v,
-            craft.gear_drag,
+            craft,
         );
         let drive = if order.throttle[wing] <= 0.0 { 0.0 } else { drive };
         let pull = drive * d.propulsion.gear(wing) - f - drag * f * f;
@@ -274,15 +276,15 @@ fn loads(x: &X, craft: &Craft, around: &Surroundings, d: &Deviations) -> Loads {
     let z = height_m.max(0.0) + craft.wing_height_m;
     let cushion = 1.0 / (1.0 - craft.cushion_m2 / (z * z));
     let place = cushion * d.aero.lift_factor(height_m) * density * craft.lift;
-    let dihedral = d.inner_loop.wing_rad(x[D]);
-    let yaw_root = x[Y] + d.inner_loop.trim_rad[1];
+    let dihedral = d.inner_loop.wing_rad(x[D]) + craft.trim_rad[0];
+    let yaw_root = x[Y] + d.inner_loop.trim_rad[1] + craft.trim_rad[1];
     let mut l = Loads::default();
     let mut thrust = [0.0; 2];
     for (wing, side) in [-1.0, 1.0].into_iter().enumerate() {
         let f = if d.propulsion.lag_s > 0.0 { x[LAG + wing] } else { x[F + wing] };
-        let ratio = (f / HOVER_HZ).max(0.0);
+        let ratio = (f / craft.hover_hz).max(0.0);
         let mean = 0.5
-            * WEIGHT_N
+            * craft.weight_n()
             * ratio.powf(craft.lift_exponent + d.aero.expo)
             * place
             * d.propulsion.lift(wing)
@@ -294,24 +296,29 @@ fn loads(x: &X, craft: &Craft, around: &Surroundings, d: &Deviations) -> Loads {
         let lean = craft.pitch_push * dihedral.sin() - side * 0.36 * yaw_root.sin();
         l.force_B_n += Vector3::new(now * lean + sweep, 0.0, -now * (1.0 - 0.5 * lean * lean));
         l.torque_B_nm += Vector3::new(
-            -side * WING_M * now,
+            -side * craft.wing_m * now,
             craft.pitch_arm_m * now * dihedral.sin(),
             craft.yaw_arm_m * now * yaw_root.sin() - side * SWEEP_LEVER_M * sweep,
         );
         l.thrust_n += mean;
     }
-    l.torque_B_nm.z += d.inner_loop.twist_nm(WING_M * (thrust[0] - thrust[1]));
+    l.torque_B_nm.z += d.inner_loop.twist_nm(craft.wing_m * (thrust[0] - thrust[1]));
 
     let v = q_EB.inverse_transform_vector(&(vel - around.wind_E_mps));
-    let beat = 0.5 * (x[F] + x[F + 1]) / HOVER_HZ;
+    let beat = 0.5 * (x[F] + x[F + 1]) / craft.hover_hz;
     let speed = v.norm();
     let bend = d.aero.bend(speed, craft.drag_bend_mps);
     let mut drag = Vector3::zeros();
     for i in 0..3 {
-        drag[i] =
-            -0.102 * density * craft.drag_per_s[i] * d.aero.drag_scale[i] * v[i] * beat * bend;
+        drag[i] = -craft.stated_kg
+            * density
+            * craft.drag_per_s[i]
+            * d.aero.drag_scale[i]
+            * v[i]
+            * beat
+            * bend;
     }
-    drag += d.aero.plates(&v) * (0.102 * density);
+    drag += d.aero.plates(&v) * (craft.stated_kg * density);
     l.force_B_n += drag;
     l.torque_B_nm +=
         Vector3::new(craft.drag_lever_m[1] * drag.y, -craft.drag_lever_m[0] * drag.x, 0.0);
@@ -320,8 +327,10 @@ fn loads(x: &X, craft: &Craft, around: &Surroundings, d: &Deviations) -> Loads {
         l.torque_B_nm[i] -= craft.inertia_kgm2[i] * density * spin * w[i];
     }
     // The centre of mass sits elsewhere: everything so far acted about the drawn one.
-    l.torque_B_nm -= d.inertia.offset_B_m().cross(&l.force_B_n);
+    l.torque_B_nm -= d.inertia.offset_B_m(craft.stated_kg).cross(&l.force_B_n);
     l.force_B_n += q_EB.inverse_transform_vector(&(d.aero.wall_n(&pos) + around.pull_E_n));
+    l.force_B_n += around.push_B_n;
+    l.torque_B_nm += around.twist_B_nm;
 
     if height_m < 0.1 {
         let mut foot = |dx: f64, dy: f64| {

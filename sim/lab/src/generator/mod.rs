@@ -5,13 +5,16 @@
 //! itself. sim/lab/PROTOCOL.md says how it is used.
 
 pub mod board;
+pub mod computer;
 pub mod craft;
 pub mod dynamics;
 pub mod effects;
+pub mod law;
 pub mod noise;
 pub mod radio;
 pub mod sensors;
 pub mod wire;
+pub mod world;
 
 #[cfg(test)]
 mod tests;
@@ -27,9 +30,11 @@ use haltere_model::lockstep::World;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use board::Pilotage;
+use computer::{Busy, Computer};
 use craft::Craft;
 use dynamics::{Motion, Surroundings};
 use effects::{Deviations, Hall};
+use law::{Drawn, Moment, Strange};
 use noise::Noise;
 use radio::{Place, Radio};
 use sensors::{Beat, Sensors};
@@ -42,10 +47,8 @@ const PER_TURN: u64 = 4;
 const PER_IMU: u64 = 2;
 /// IMU readings per pressure.
 const PER_PRESSURE: u64 = 5;
-/// The host asks the tag's USB endpoint so often, s.
-const POLL_S: f64 = 0.004;
-/// Least delay and spread of the serial line to and from the board, s.
-const LINE_S: [f64; 2] = [0.0004, 0.0007];
+/// Turns of the inner loops between two looks at drawn laws: 100 Hz.
+const PER_LAW: u64 = 5;
 /// Touching the floor faster than this breaks the vehicle, m/s; so does leaning farther than this
 /// cosine.
 const CRASH_MPS: f64 = 2.0;
@@ -60,6 +63,10 @@ pub struct Setup {
     pub deviations: Deviations,
     /// Since when, s of simulated time; 0: always.
     pub onset_s: f64,
+    /// What deviates by laws of its own, always; then `deviations` are not looked at.
+    pub drawn: Drawn,
+    /// The computer that the companion runs on.
+    pub computer: Computer,
     /// Anchors as the companion is told, Earth, m.
     pub anchors: Vec<(u8, Vector3<f64>)>,
     /// Place of take-off, m.
@@ -87,6 +94,8 @@ impl Setup {
             craft: Craft::healthy(scene.pilot.flight.gear_height_m, antenna_B_m),
             deviations: Deviations::default(),
             onset_s: 0.0,
+            drawn: Drawn::default(),
+            computer: Computer::default(),
             anchors,
             start_NE_m: scene.start_NE_m,
             room_seed: seed,
@@ -128,6 +137,11 @@ pub struct Foreign {
     d: Deviations,
     waiting: Option<Deviations>,
     onset_s: f64,
+    drawn: Drawn,
+    strange: Strange,
+    computer: Computer,
+    busy: Busy,
+    middle_NE_m: [f64; 2],
     start_NE_m: [f64; 2],
     motion: Motion,
     pilotage: Pilotage,
@@ -136,6 +150,7 @@ pub struct Foreign {
     radio: Radio,
     air: Noise,
     links: Noise,
+    work: Noise,
     drops: Noise,
     steps: u64,
     imu_count: u64,
@@ -155,12 +170,26 @@ pub struct Foreign {
 impl Foreign {
     /// At rest on the floor, just switched on.
     pub fn new(setup: Setup) -> Self {
-        let Setup { mut craft, deviations, onset_s, anchors, start_NE_m, room_seed, seed } = setup;
+        let Setup {
+            mut craft,
+            deviations,
+            onset_s,
+            drawn,
+            computer,
+            anchors,
+            start_NE_m,
+            room_seed,
+            seed,
+        } = setup;
         let mut rng = Noise::new(seed, "flight");
         // No two packs and no two mornings are alike.
         craft.charge_frac *= rng.between(0.985, 1.0);
         craft.north_rad += 0.01 * rng.laplace().clamp(-3.0, 3.0);
         let phase = [rng.between(0.0, TAU), rng.between(0.0, TAU)];
+        let middle = |axis: usize| {
+            anchors.iter().map(|(_, at)| at[axis]).sum::<f64>() / anchors.len().max(1) as f64
+        };
+        let middle_NE_m = [middle(0), middle(1)];
         let (d, waiting) = match onset_s > 0.0 {
             true => (Deviations::default(), Some(deviations)),
             false => (deviations, None),
@@ -173,15 +202,21 @@ impl Foreign {
             d,
             waiting,
             onset_s,
+            drawn,
+            strange: Strange::default(),
+            computer,
+            busy: Busy::default(),
+            middle_NE_m,
             start_NE_m,
             pilotage: Pilotage::default(),
             wire: Wire::default(),
             air: Noise::new(seed, "air"),
             links: Noise::new(seed, "links"),
+            work: Noise::new(seed, "work"),
             drops: Noise::new(seed, "drops"),
             steps: 0,
             imu_count: 0,
-            next_poll_s: POLL_S,
+            next_poll_s: computer.poll_s,
             around: Surroundings::default(),
             believed: UnitQuaternion::identity(),
             north_rad: 0.0,
@@ -200,7 +235,8 @@ impl Foreign {
     }
 
     fn line_s(&mut self) -> f64 {
-        LINE_S[0] + LINE_S[1] * self.links.exponential().min(4.0)
+        let [least_s, spread_s] = self.computer.line_s;
+        least_s + spread_s * self.links.exponential().min(4.0)
     }
 
     fn step(&mut self) {
@@ -238,6 +274,9 @@ impl Foreign {
         {
             self.d = d;
         }
+        if self.drawn.any() && (self.steps / PER_TURN).is_multiple_of(PER_LAW) {
+            self.by_laws(t_s);
+        }
         let clock_us = self.wire.clock_us(t_s, self.d.unknown.clock_s(t_s));
         let loads = self.motion.loads;
         let mut answers = Vec::new();
@@ -254,6 +293,8 @@ impl Foreign {
         }
 
         let (pos, vel, q) = (self.motion.pos(), self.motion.vel(), self.motion.attitude());
+        self.around.push_B_n = self.strange.force_B_n;
+        self.around.twist_B_nm = self.strange.twist_B_nm;
         let acc_E = q * loads.force_B_n / self.craft.mass_kg + Vector3::new(0.0, 0.0, 9.81);
         self.around.wind_E_mps =
             self.d.aero.wind(&pos, dt_s, &mut self.air) + self.d.unknown.wind(&pos, t_s);
@@ -265,11 +306,12 @@ impl Foreign {
         let supply_v = self.motion.supply_v;
         self.pilotage.turn(&self.craft, &self.believed, &rate, supply_v, &self.d);
 
-        let thrusts = loads.thrust_n > 0.7 * dynamics::WEIGHT_N;
+        let thrusts = loads.thrust_n > 0.7 * self.craft.weight_n();
         self.idle_s = if loads.touches && !thrusts { self.idle_s + dt_s } else { 0.0 };
 
         if (self.steps / PER_TURN).is_multiple_of(PER_IMU) {
             let (acc, rate) = self.sensors.read(t_s, self.motion.flap_hz(), &self.craft, &self.d);
+            let (acc, rate) = (acc + self.strange.acc_mps2, rate + self.strange.rate_radps);
             let fresh = self.imu_count.is_multiple_of(PER_PRESSURE);
             self.imu_count += 1;
             let readings = Readings {
@@ -291,13 +333,30 @@ impl Foreign {
         let place = Place { t_s, pos, vel, q };
         self.radio.advance(t_s + dt_s, &place, &self.craft, &mut self.d);
         if t_s + dt_s >= self.next_poll_s {
-            self.next_poll_s += POLL_S;
+            self.next_poll_s += self.computer.poll_s;
             if !self.radio.out.is_empty() {
-                let due_s = t_s + dt_s + self.d.timing.tag_s(t_s);
+                let due_s = t_s + dt_s + self.d.timing.tag_s(t_s) + self.strange.later_s[1];
                 let bytes = std::mem::take(&mut self.radio.out);
                 self.from_tag.push(due_s, bytes);
             }
         }
+    }
+
+    /// What deviates at this moment.
+    fn by_laws(&mut self, t_s: f64) {
+        let m = Moment {
+            t_s,
+            pos_E_m: self.motion.pos(),
+            speed_mps: self.motion.vel().norm(),
+            yaw_rad: self.motion.attitude().euler_angles().2,
+            turn_radps: self.motion.rate().norm(),
+            supply_v: self.motion.supply_v,
+            flap: 0.5 * self.motion.flap_hz().iter().sum::<f64>() / self.craft.hover_hz,
+            middle_NE_m: self.middle_NE_m,
+        };
+        let dt_s = PER_LAW as f64 * board::PERIOD_S;
+        let vehicle = [self.craft.stated_kg, self.craft.wing_m];
+        (self.d, self.strange) = self.drawn.at(&m, dt_s, vehicle, &self.d);
     }
 
     fn charge_frac(&self) -> f64 {
@@ -312,6 +371,9 @@ impl World for Foreign {
             self.step();
         }
         let now_s = self.now_s();
+        if self.busy.waits(now_s, &self.computer, &mut self.work) {
+            return;
+        }
         while let Some(bytes) = self.from_tag.pop(now_s) {
             self.tag_out.extend(bytes);
         }
@@ -330,7 +392,11 @@ impl World for Foreign {
     }
     fn board_input(&mut self, bytes: &[u8]) {
         let t_s = self.now_s();
-        let due_s = t_s + self.line_s() + self.d.timing.board_s(t_s);
+        let due_s = t_s
+            + self.line_s()
+            + self.d.timing.board_s(t_s)
+            + self.craft.setpoint_delay_s
+            + self.strange.later_s[0];
         self.to_board.push(due_s, bytes.to_vec());
     }
     fn truth(&self) -> Truth {

@@ -7,7 +7,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 use std::f64::consts::TAU;
 
-use super::craft::{Craft, HOVER_HZ};
+use super::craft::Craft;
 use super::effects::Deviations;
 use super::noise::Noise;
 
@@ -87,7 +87,7 @@ impl Sensors {
     ) {
         let Beat { flap_hz, phase: beat } = wings;
         let mean = 0.5 * (flap_hz[0] + flap_hz[1]);
-        let strength = (mean / HOVER_HZ).powi(2);
+        let strength = (mean / craft.hover_hz).powi(2);
         self.mesh = (self.mesh + TAU * MESH * mean * dt_s) % TAU;
         let (mut a, mut w) = (acc, rate);
         if strength > 0.0 {
@@ -129,7 +129,7 @@ impl Sensors {
         craft: &Craft,
         d: &Deviations,
     ) -> (Vector3<f64>, Vector3<f64>) {
-        let strength = (0.5 * (flap_hz[0] + flap_hz[1]) / HOVER_HZ).powi(2);
+        let strength = (0.5 * (flap_hz[0] + flap_hz[1]) / craft.hover_hz).powi(2);
         let broad = SHARES[2].sqrt() * strength;
         let turn = d.imu.crooked.inverse();
         let (mut a, mut w) = (turn * self.acc, turn * self.rate);

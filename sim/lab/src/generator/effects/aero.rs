@@ -79,6 +79,13 @@ fn edge(d_m: f64) -> f64 {
 }
 
 impl Aero {
+    /// Takes over the turbulence.
+    pub fn go_on_from(&mut self, old: &Self) {
+        if let (Some(new), Some(old)) = (&mut self.turbulence, &old.turbulence) {
+            (new.along, new.across) = (old.along, old.across);
+        }
+    }
+
     /// Bend of the drag law at this speed.
     pub fn bend(&self, speed_mps: f64, healthy_mps: f64) -> f64 {
         if self.tanh_mps > 0.0 {

@@ -10,8 +10,6 @@ use super::{Deviations, Draw, Spec};
 
 /// Place of a payload below the centre of mass, m.
 const BELOW_M: f64 = 0.025;
-/// Mass of the healthy vehicle, kg.
-const HEALTHY_KG: f64 = 0.102;
 
 /// What deviates.
 #[derive(Debug, Clone, Default)]
@@ -26,8 +24,8 @@ impl Inertia {
         self.payload_kg
     }
     /// Centre of mass from its drawn place, body, m.
-    pub fn offset_B_m(&self) -> Vector3<f64> {
-        let sink_m = BELOW_M * self.payload_kg / (HEALTHY_KG + self.payload_kg);
+    pub fn offset_B_m(&self, healthy_kg: f64) -> Vector3<f64> {
+        let sink_m = BELOW_M * self.payload_kg / (healthy_kg + self.payload_kg);
         self.offset_B_m + Vector3::new(0.0, 0.0, sink_m)
     }
     /// Moments of inertia, kg·m².

@@ -39,6 +39,15 @@ pub struct Deviations {
     pub unknown: unknown::Unknown,
 }
 
+impl Deviations {
+    /// Takes over what goes on by itself: turbulence, bursts, pauses, walks, swings.
+    pub fn go_on_from(&mut self, old: &Self) {
+        self.aero.go_on_from(&old.aero);
+        self.uwb.go_on_from(&old.uwb);
+        self.timing.go_on_from(&old.timing);
+    }
+}
+
 /// The room in which places are drawn.
 #[derive(Debug, Clone, Copy)]
 pub struct Hall {
@@ -92,6 +101,7 @@ pub struct Draw<'a> {
 }
 
 /// An effect.
+#[derive(Debug)]
 pub struct Spec {
     /// Id of GAP.md, `X…` for what the library does not have.
     pub id: &'static str,

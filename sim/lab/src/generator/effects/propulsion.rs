@@ -6,7 +6,7 @@
 
 use super::aero::spec;
 use super::{Deviations, Draw, Spec};
-use crate::generator::craft::HOVER_HZ;
+use crate::generator::craft::Craft;
 
 /// Current that the capacity is stated for, A, and Peukert's exponent less one of a worn pack.
 const RATED_A: f64 = 3.0;
@@ -67,13 +67,13 @@ impl Propulsion {
         }
     }
     /// What the motor can be driven with, Hz without friction.
-    pub fn drive(&self, wanted: f64, supply_v: f64, gear_drag: f64) -> f64 {
+    pub fn drive(&self, wanted: f64, supply_v: f64, craft: &Craft) -> f64 {
         if self.limit <= 0.0 || wanted <= 0.0 {
             return wanted;
         }
         // The limit is a flap rate; the drive that holds it includes the friction there.
-        let most = self.limit * HOVER_HZ * supply_v / LIMIT_V;
-        let most = most * (1.0 + gear_drag * most / HOVER_HZ);
+        let most = self.limit * craft.hover_hz * supply_v / LIMIT_V;
+        let most = most * (1.0 + craft.gear_drag * most / craft.hover_hz);
         wanted / (1.0 + (wanted / most).powf(SHARP)).powf(1.0 / SHARP)
     }
 }

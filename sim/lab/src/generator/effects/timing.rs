@@ -23,6 +23,11 @@ pub struct Timing {
 }
 
 impl Timing {
+    /// Takes over the pause that is on, or next.
+    pub fn go_on_from(&mut self, old: &Self) {
+        self.pause = old.pause;
+    }
+
     /// Further delay of the tag's bytes, s.
     pub fn tag_s(&self, t_s: f64) -> f64 {
         self.tag_s * (1.0 + 0.04 * (t_s / 7.0).sin())

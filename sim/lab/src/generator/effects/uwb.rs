@@ -68,6 +68,12 @@ pub struct Path {
 }
 
 impl Uwb {
+    /// Takes over bursts and walks.
+    pub fn go_on_from(&mut self, old: &Self) {
+        (self.walk_m, self.losing, self.burst_until_s) =
+            (old.walk_m, old.losing, old.burst_until_s);
+    }
+
     /// Added path, m; `None`: lost.
     pub fn extra_m(&mut self, p: &Path, rng: &mut Noise) -> Option<f64> {
         // Always the same number of draws, so that a flight differs by the effect alone.
