@@ -50,6 +50,14 @@ pub fn sessions(seeds: &[u64], file: &Path) -> Result<()> {
     written::write(file, text, &[""; 0]).with_context(|| file.display().to_string())
 }
 
+/// What [`sessions`] wrote, in the order of the statistics.
+pub fn taught(file: &Path) -> Result<Vec<f64>> {
+    let place = || file.display().to_string();
+    let text = std::fs::read_to_string(file).with_context(place)?;
+    let found: BTreeMap<String, f64> = serde_json::from_str(&text).with_context(place)?;
+    Ok(specs().iter().map(|spec| found.get(&spec.name).copied().unwrap_or(0.0)).collect())
+}
+
 /// `r` of a statistic in one world; `None`: not known there, or it never varies.
 fn excess(accepted: &[Vec<f64>], others: &[Vec<f64>], j: usize) -> Option<f64> {
     let of = |rows: &[Vec<f64>]| -> Vec<f64> {

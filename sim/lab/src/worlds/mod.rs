@@ -60,6 +60,9 @@ pub struct Options {
     /// Flies the healthy sessions only, without commissioning or a bank, and writes what statistics vary by between sessions.
     #[arg(long, value_name = "FILE", conflicts_with = "pages")]
     sessions: Option<PathBuf>,
+    /// Judges by variances between sessions as `--sessions` wrote them, in place of the program's own.
+    #[arg(long, value_name = "FILE")]
+    taught: Option<PathBuf>,
     /// Says every verdict.
     #[arg(long)]
     verdicts: bool,
@@ -153,6 +156,10 @@ pub fn run(options: &Options) -> Result<bool> {
         [] => Settings::for_flights(),
         set => toml::from_str::<Settings>(&set.join("\n"))?.beside_flights(),
     };
+    let mut settings = settings;
+    if let Some(file) = &options.taught {
+        settings.sessions = learn::taught(file)?;
+    }
     let mut all = Vec::new();
     for place in &places {
         all.push(judged(folder, place, &settings)?);
