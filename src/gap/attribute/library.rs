@@ -71,7 +71,13 @@ impl Library {
             let kept = e.draws.iter().enumerate().filter(|(i, _)| part.teaches(*i));
             kept.map(|(_, d)| d.statistics.as_slice())
         });
-        let standard = Standard::new(&nulls, draws, references, &settings.resolution, allowed);
+        let standard = Standard::new(
+            &nulls,
+            draws,
+            references,
+            [&settings.resolution, &settings.sessions],
+            allowed,
+        );
         let plain = standard.clone().without_shift();
         let whitening = Whitening::new(standard, &jitter, references);
         let law = Law { form: settings.form, whitening: &whitening };

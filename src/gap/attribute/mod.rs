@@ -33,7 +33,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use self::blocks::Groups;
-pub(crate) use self::gate::other_hours;
+pub(crate) use self::gate::{between_hours, of_one_hour};
 use self::library::{Library, Part};
 pub use self::rungs::Rungs;
 use self::teachers::Teachers;
@@ -77,6 +77,8 @@ pub struct Settings {
     pub polished: usize,
     /// Smallest difference of every statistic that says anything about the vehicle, in its unit; empty: any.
     pub resolution: Vec<f64>,
+    /// Variance that sessions add to every statistic, in variances within one; empty: none.
+    pub sessions: Vec<f64>,
     /// Least change of every statistic that matters, in its unit; empty: everything matters.
     pub material: Vec<f64>,
     /// Statistics that say something beside references only, by place; empty: none.
@@ -110,6 +112,7 @@ impl Default for Settings {
             folds: 4,
             polished: 8,
             resolution: Vec::new(),
+            sessions: Vec::new(),
             material: Vec::new(),
             relative: Vec::new(),
         }
@@ -309,10 +312,18 @@ impl Attributor {
         if !settings.resolution.is_empty() {
             length("resolutions", settings.resolution.len())?;
         }
+        if !settings.sessions.is_empty() {
+            length("variances between sessions", settings.sessions.len())?;
+        }
         if !settings.material.is_empty() {
             length("limits of what matters", settings.material.len())?;
         }
-        let mut teachers = Teachers::new(bank, references, blocks);
+        let mut settings = settings.clone();
+        // Flights of several hours show themselves what hours differ by.
+        let of_one = of_one_hour(references.len());
+        settings.sessions.iter_mut().for_each(|more| *more *= of_one);
+        let settings = &settings;
+        let mut teachers = Teachers::new(bank, references, blocks, &settings.sessions);
         teachers.calibration = calibration;
         let all = Part { held_out: None };
         let allowed = |j: usize| settings.usable(j, references);
@@ -355,12 +366,16 @@ impl Attributor {
             return self.decide(&self.library, &self.groups, statistics, unknown);
         }
         // The whitening of the rest is not the rest of the whitening: learn again without them.
-        let teachers = Teachers::new(&self.bank, &self.references, &self.blocks);
+        let teachers = self.teachers();
         let all = Part { held_out: None };
         let rows = teachers.reference_rows();
         let library = teachers.library(all, &rows, known, &self.settings);
         let groups = teachers.groups(all, &library);
         self.decide(&library, &groups, statistics, unknown)
+    }
+
+    fn teachers(&self) -> Teachers<'_> {
+        Teachers::new(&self.bank, &self.references, &self.blocks, &self.settings.sessions)
     }
 
     /// Explains many flights, in their order, on all cores.

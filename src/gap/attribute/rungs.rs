@@ -8,7 +8,6 @@ use serde::Serialize;
 use super::evidence::Fit;
 use super::foretold::Foretold;
 use super::library::{Library, Part};
-use super::teachers::Teachers;
 use super::trials::seen_of;
 use super::{Attribution, Attributor};
 
@@ -102,7 +101,7 @@ impl Attributor {
 
     /// The library without what a flight cannot say.
     fn library_of(&self, statistics: &[f64]) -> Library {
-        let teachers = Teachers::new(&self.bank, &self.references, &self.blocks);
+        let teachers = self.teachers();
         let known = |j: usize| statistics.get(j).is_some_and(|v| v.is_finite());
         let rows = teachers.reference_rows();
         teachers.library(Part { held_out: None }, &rows, known, &self.settings)

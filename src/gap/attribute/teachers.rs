@@ -3,6 +3,7 @@
 use super::Settings;
 use super::blocks::Groups;
 use super::library::{Library, Part};
+use super::whiten::{LEAST_REFERENCES, variance};
 use crate::bank::{Bank, Draw};
 use haltere_model::effects::Block;
 use haltere_model::random::Stream;
@@ -18,11 +19,18 @@ pub(super) struct Teachers<'a> {
     blocks: &'a [Block],
     /// Mean of nominal flights.
     mean: Vec<f64>,
+    /// What another session adds to every statistic, one sigma, in its unit; empty: nothing.
+    elsewhen: Vec<f64>,
 }
 
 impl<'a> Teachers<'a> {
     /// Collects.
-    pub fn new(bank: &'a Bank, references: &'a [Vec<f64>], blocks: &'a [Block]) -> Self {
+    pub fn new(
+        bank: &'a Bank,
+        references: &'a [Vec<f64>],
+        blocks: &'a [Block],
+        sessions: &[f64],
+    ) -> Self {
         let width = bank.names.len();
         // Jitter is even to both sides: together they know the middle best.
         let mean = |j: usize| {
@@ -32,7 +40,13 @@ impl<'a> Teachers<'a> {
             sum / n
         };
         let mean = (0..width).map(mean).collect();
-        Self { bank, references, calibration: &[], blocks, mean }
+        let rows: Vec<&[f64]> = references.iter().map(Vec::as_slice).collect();
+        let std = |(j, ratio): (usize, &f64)| (ratio * variance(&rows, j)).sqrt();
+        let elsewhen = match references.len() >= LEAST_REFERENCES {
+            true => sessions.iter().enumerate().map(std).collect(),
+            false => Vec::new(),
+        };
+        Self { bank, references, calibration: &[], blocks, mean, elsewhen }
     }
 
     /// References as rows.
@@ -75,11 +89,15 @@ impl<'a> Teachers<'a> {
         let Some(reference) = self.references.get(which % self.references.len().max(1)) else {
             return flight.to_vec();
         };
+        let here = flight.iter().zip(reference.iter().zip(&self.mean));
+        self.elsewhen(here.map(|(v, (r, m))| r + share * (v - m)).collect(), which)
+    }
+
+    /// A flight of the airframe as it would have been in another session, of that number.
+    pub fn elsewhen(&self, mut flight: Vec<f64>, session: usize) -> Vec<f64> {
+        let mut rng = Stream::new(session as u64, "another session");
+        flight.iter_mut().zip(&self.elsewhen).for_each(|(v, std)| *v += std * rng.normal());
         flight
-            .iter()
-            .zip(reference.iter().zip(&self.mean))
-            .map(|(v, (r, m))| r + share * (v - m))
-            .collect()
     }
 
     /// What a draw differs by from the same flight without the effect, by another law of it: off by `law`, relative, and

@@ -139,7 +139,7 @@ fn prop_names_rejects_and_stays_quiet_on_a_made_up_world() {
 fn prop_another_law_bends_what_an_effect_does_and_nothing_else() {
     let mut toy = Toy::new(SMALL, 17);
     let (bank, blocks) = (toy.bank(), toy.blocks());
-    let teachers = super::teachers::Teachers::new(&bank, &[], &blocks);
+    let teachers = super::teachers::Teachers::new(&bank, &[], &blocks, &[]);
     let mut rng = haltere_model::random::Stream::new(17, "other law");
     let mut squares = Vec::new();
     for draw in bank.effects.iter().flat_map(|e| &e.draws) {

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::blocks::Groups;
 use super::calibrate::{Calibration, Judged};
 use super::evidence::Fit;
-use super::gate::{Limit, Rule, Seen, other_hours};
+use super::gate::{Limit, Rule, Seen};
 use super::library::{Library, Part};
 use super::open_set::{Judge, features, score};
 use super::pairs;
@@ -33,7 +33,7 @@ const PAIRED_ONE_IN: usize = 4;
 const JUDGED_PAIRS: usize = 80;
 /// Pairs that are polished in a trial.
 pub(super) const TRIAL_POLISHED: usize = 3;
-/// Folds of the reference flights.
+/// Folds of the reference flights, and sessions in which each of them is judged.
 const REFERENCE_FOLDS: usize = 4;
 
 /// Everything a verdict is held against.
@@ -125,10 +125,14 @@ pub(super) fn limits(
         [] => reference_scores(teachers, settings, allowed),
         flights => calibration_scores(teachers, settings, allowed, flights),
     };
+    let known = match teachers.calibration {
+        [] => teachers.references.len(),
+        flights => flights.len(),
+    };
     // Two ways to raise an alarm share the allowance.
     let share = 1.0 - settings.false_alarm / 2.0;
-    let gate = if judged.len() >= LEAST_JUDGED {
-        Limit::new(&judged.iter().collect::<Vec<_>>(), Rule::Few(share, other_hours(judged.len())))
+    let gate = if known >= LEAST_JUDGED {
+        Limit::new(&judged.iter().collect::<Vec<_>>(), Rule::Few(share, known))
     } else {
         Limit::new(&nulls.iter().map(|n| &n.seen).collect::<Vec<_>>(), Rule::Share(share))
     };
@@ -334,7 +338,14 @@ fn reference_scores(
         };
         let all = Part { held_out: None };
         let library = teachers.library(all, &side(false), allowed, settings);
-        found.par_extend(side(true).par_iter().map(|s| seen(&library, settings, s)));
+        let turns = if settings.sessions.is_empty() { 1 } else { REFERENCE_FOLDS };
+        let held: Vec<Vec<f64>> = (0..turns)
+            .flat_map(|turn| side(true).into_iter().enumerate().map(move |(k, row)| (turn, k, row)))
+            .map(|(turn, k, row)| {
+                teachers.elsewhen(row.to_vec(), turn + turns * (fold + folds * k))
+            })
+            .collect();
+        found.par_extend(held.par_iter().map(|s| seen(&library, settings, s)));
     }
     found
 }

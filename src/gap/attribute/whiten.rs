@@ -50,16 +50,18 @@ pub(super) struct Standard {
     shift: Vec<f64>,
     /// Share of the resolution in the square of the scale.
     unresolved: Vec<f64>,
+    /// Variance that sessions add, in variances of the references.
+    sessions: Vec<f64>,
 }
 
 impl Standard {
     /// From null flights; `effects` only give a scale to statistics that never vary in a null
-    /// flight. `resolution`: of every statistic, or empty. `allowed`: which statistics may be used.
+    /// flight. `resolution` and variance between `sessions`: of every statistic, or empty. `allowed`: which statistics may be used.
     pub fn new<'a>(
         nulls: &[&'a [f64]],
         effects: impl Iterator<Item = &'a [f64]> + Clone,
         references: &[&[f64]],
-        resolution: &[f64],
+        [resolution, sessions]: [&[f64]; 2],
         allowed: impl Fn(usize) -> bool,
     ) -> Self {
         let width = nulls.first().map_or(0, |r| r.len());
@@ -83,6 +85,7 @@ impl Standard {
             let accepted: Vec<f64> =
                 references.iter().map(|r| r[j]).filter(|v| v.is_finite()).collect();
             let mut shift = 0.0;
+            let more = sessions.get(j).copied().unwrap_or(0.0);
             if accepted.len() >= LEAST_REFERENCES {
                 let middle = median(accepted.iter().copied());
                 let n = accepted.len() as f64;
@@ -90,7 +93,7 @@ impl Standard {
                 let variance =
                     accepted.iter().map(|v| (v - middle).powi(2)).sum::<f64>() / (n - 1.0);
                 shift = middle - centre;
-                scale = (scale.powi(2) + variance * (1.0 + 1.0 / n)).sqrt();
+                scale = (scale.powi(2) + variance * (1.0 + 1.0 / n + more)).sqrt();
             }
             if scale.is_finite() && scale > f64::EPSILON * centre.abs() && scale > f64::MIN_POSITIVE
             {
@@ -99,6 +102,7 @@ impl Standard {
                 standard.scale.push(scale);
                 standard.shift.push(shift);
                 standard.unresolved.push((resolution / scale).powi(2));
+                standard.sessions.push(more);
             }
         }
         standard
@@ -129,6 +133,14 @@ impl Standard {
         self.shift.fill(0.0);
         self
     }
+}
+
+/// Variance of a statistic over the flights that know it.
+pub(super) fn variance(rows: &[&[f64]], j: usize) -> f64 {
+    let known: Vec<f64> = rows.iter().map(|row| row[j]).filter(|v| v.is_finite()).collect();
+    let n = known.len() as f64;
+    let mean = known.iter().sum::<f64>() / n.max(1.0);
+    known.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0)
 }
 
 /// Robust sigma about `centre`; the plain one for variables that are mostly constant.
@@ -164,7 +176,8 @@ impl Whitening {
             let (scatter, _) = shrunk_covariance(&matrix(&rows, width));
             for i in 0..width {
                 for j in 0..width {
-                    let keep = if i == j { 1.0 } else { 1.0 - REFERENCE_SHRINKAGE };
+                    let keep =
+                        if i == j { 1.0 + standard.sessions[i] } else { 1.0 - REFERENCE_SHRINKAGE };
                     covariance[(i, j)] += keep * scatter[(i, j)];
                 }
             }
@@ -221,7 +234,7 @@ mod tests {
         let nulls: Vec<&[f64]> = nulls.iter().map(Vec::as_slice).collect();
         let none = std::iter::empty::<&[f64]>();
         let seen = |resolution: &[f64], off: f64| {
-            let standard = Standard::new(&nulls, none.clone(), &[], resolution, |_| true);
+            let standard = Standard::new(&nulls, none.clone(), &[], [resolution, &[]], |_| true);
             let raw = compressed(&standard.raw(&[off]));
             Whitening::new(standard, &nulls, &[]).apply(&raw)[0]
         };

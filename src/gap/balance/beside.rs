@@ -6,7 +6,7 @@
 use haltere_model::effects::Block;
 use serde::Serialize;
 
-use crate::attribute::{Settings, other_hours};
+use crate::attribute::{Settings, between_hours, of_one_hour};
 use crate::bank::library;
 use crate::flight::residuals::StatSpec;
 use crate::flight::statistics::specs;
@@ -77,8 +77,8 @@ pub fn beside<'a>(
             let n = of.len() as f64;
             let mean = of.iter().sum::<f64>() / n;
             let variance = of.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0);
-            let limit =
-                other_hours(of.len()) * prediction_factor(share, of.len()) * variance.sqrt();
+            let more = 1.0 + of_one_hour(of.len()) * between_hours(spec);
+            let limit = prediction_factor(share, of.len()) * (more * variance).sqrt();
             let (by, over_limit) =
                 (value - mean, (value - mean).abs() / limit.max(spec.resolution));
             (over_limit > 1.0).then(|| Apart {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
-use crate::attribute::{AttributeError, Attributor, Learned, Settings};
+use crate::attribute::{AttributeError, Attributor, Learned, Settings, between_hours};
 use crate::bank::bank_file::{self, BankFileError};
 use crate::bank::kept_file::{self, Kind};
 use crate::bank::make_bank::{self, BankSize, Recipe};
@@ -98,8 +98,9 @@ impl Settings {
     /// These choices for flights by [`specs`].
     pub fn beside_flights(self) -> Self {
         let resolution = specs().iter().map(|s| s.resolution).collect();
+        let sessions = specs().iter().map(between_hours).collect();
         let relative = specs().iter().map(|s| s.relative).collect();
-        Self { resolution, relative, ..self }
+        Self { resolution, relative, sessions, ..self }
     }
 }
 
