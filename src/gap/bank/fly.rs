@@ -6,8 +6,8 @@ use crate::flight::trace::Trace;
 use crate::scene::Scene;
 use haltere_core::checks::Problems;
 use haltere_core::frames::Vec3;
-use haltere_model::PlantConfig;
-use haltere_model::lockstep::{FlightError, Lockstep, SAMPLE_US, fly_unsampled};
+use haltere_model::lockstep::{FlightError, Lockstep, SAMPLE_US, World, fly_unsampled};
+use haltere_model::{Plant, PlantConfig};
 use haltere_pilot::{Mission, Mode, PilotConfig};
 
 /// Any flight is waited for that long, s: the diagnostic flight lasts 100 s, with a missed waypoint
@@ -54,10 +54,41 @@ pub fn fly_observed_into(
     plant: PlantConfig,
     pilot: PilotConfig,
 ) -> Result<(), NotFlown> {
+    let plant = Plant::new(plant).map_err(NotFlown::Plant)?;
+    Ok(fly_into(trace, scene, items, plant, pilot)?)
+}
+
+/// Flies in any world.
+pub fn fly_in_world<W: World>(
+    scene: &Scene,
+    items: &[MISSION_ITEM_INT_DATA],
+    world: W,
+    pilot: PilotConfig,
+) -> Result<Trace, FlightError> {
+    let mut trace = Trace::new(scene.survey.clone());
+    fly_into(&mut trace, scene, items, world, pilot)?;
+    Ok(trace)
+}
+
+/// How long a flight is waited for, s.
+fn limit_s(scene: &Scene, mission: &Mission) -> f64 {
+    let [north_m, east_m] = scene.start_NE_m;
+    let length_s = mission.length_s(Vec3::new(north_m, east_m, 0.0), &scene.pilot.flight);
+    let whole_s = (PATIENCE * length_s).clamp(LEAST_LIMIT_S, MOST_LIMIT_S);
+    // What is not looked at need not be flown.
+    scene.until_s.map_or(whole_s, |until_s| whole_s.min(until_s + TO_THE_MISSION_S))
+}
+
+fn fly_into<W: World>(
+    trace: &mut Trace,
+    scene: &Scene,
+    items: &[MISSION_ITEM_INT_DATA],
+    world: W,
+    pilot: PilotConfig,
+) -> Result<(), FlightError> {
     trace.clear();
     trace.survey.clone_from(&scene.survey);
-    let mut lockstep =
-        Lockstep::new(plant, pilot, &scene.survey).map_err(NotFlown::Plant)?.without_streams();
+    let mut lockstep = Lockstep::in_world(world, pilot, &scene.survey, None).without_streams();
     let (mut crashed, mut carried_s) = (false, 0.0);
     let limit_s = |mission: &Mission| limit_s(scene, mission);
     let landed = fly_unsampled(&mut lockstep, items, limit_s, |lockstep| {
@@ -72,13 +103,4 @@ pub fn fly_observed_into(
     trace.crashed = Some(crashed);
     trace.carried_s = Some(carried_s);
     Ok(())
-}
-
-/// How long a flight is waited for, s.
-fn limit_s(scene: &Scene, mission: &Mission) -> f64 {
-    let [north_m, east_m] = scene.start_NE_m;
-    let length_s = mission.length_s(Vec3::new(north_m, east_m, 0.0), &scene.pilot.flight);
-    let whole_s = (PATIENCE * length_s).clamp(LEAST_LIMIT_S, MOST_LIMIT_S);
-    // What is not looked at need not be flown.
-    scene.until_s.map_or(whole_s, |until_s| whole_s.min(until_s + TO_THE_MISSION_S))
 }
