@@ -160,7 +160,11 @@ pub fn verdict(report: &Report, weighed: &Weighed) -> String {
 
 /// How sure it is. No more is ever said than what a count of flights could show.
 fn sure(probability: f64) -> String {
-    format!("Sure to {:.0} %.", 100.0 * probability.min(0.99))
+    let percent = 100.0 * probability.min(0.99);
+    match percent < 50.0 {
+        true => format!("Only {percent:.0} % sure: fly again before you act on it."),
+        false => format!("Sure to {percent:.0} %."),
+    }
 }
 
 /// How far the offsets of the accelerometer lie from those of the references; `None` where none was logged.
