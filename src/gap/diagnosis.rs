@@ -82,7 +82,7 @@ pub struct Diagnosis {
     pub effects: Vec<Effect>,
     /// Their ids.
     pub set: Vec<String>,
-    /// Effects of the library that this flight would not have shown.
+    /// Effects of the library that this flight would not have shown, or with which its mission is not flown.
     pub not_testable: Vec<String>,
     /// How far, on held-out flights; absent without any.
     pub shrink: Option<ShrinkResult>,
@@ -535,7 +535,7 @@ fn effect(workshop: &Workshop, named: &Named) -> Effect {
 }
 
 /// An effect is testable when most of its own flights lie outside what null flights do, on the
-/// statistics that this flight has.
+/// statistics that this flight has. One that is not in the bank, since no flight with it came to its end, is not.
 fn not_testable(workshop: &Workshop, seen: &Observation) -> Vec<String> {
     let sigma = scales(&workshop.bank.jitter);
     let middle = medians(&workshop.bank.jitter);
@@ -552,16 +552,15 @@ fn not_testable(workshop: &Workshop, seen: &Observation) -> Vec<String> {
     let mut nulls: Vec<f64> = workshop.bank.jitter.iter().map(|r| loudest(r)).collect();
     nulls.sort_by(f64::total_cmp);
     let limit = nulls.get(nulls.len() * 19 / 20).copied().unwrap_or(f64::INFINITY);
-    workshop
-        .bank
-        .effects
-        .iter()
-        .filter(|e| {
+    let is_testable = |id: &str| {
+        let flown = workshop.bank.effects.iter().find(|e| e.id == id);
+        flown.is_some_and(|e| {
             let loud = e.draws.iter().filter(|d| loudest(&d.statistics) > limit).count();
-            2 * loud < e.draws.len()
+            2 * loud >= e.draws.len()
         })
-        .map(|e| e.id.clone())
-        .collect()
+    };
+    let ids = workshop.library.iter().map(|spec| spec.id);
+    ids.filter(|id| !is_testable(id)).map(str::to_owned).collect()
 }
 
 #[cfg(test)]

@@ -30,6 +30,9 @@ pub struct BankSize {
 }
 
 impl BankSize {
+    /// For a first look: a quarter of the flights.
+    pub const SMALL: Self = Self { seeds: 20, jitter: 60, draws: 10 };
+
     /// Flights of this effect. A place in the room and one of six anchors take more of them to learn than a loss of thrust, so
     /// their number goes with that of the parameters: 0.75 of `draws` for one, twice for six. A choice counts twice.
     pub fn draws_of(&self, spec: &EffectSpec) -> usize {
@@ -260,11 +263,13 @@ pub(super) fn fly_effects(
         .collect()
 }
 
-/// Ends a bank with the draws of all effects, in the order of the library.
+/// Ends a bank with the draws of all effects, in the order of the library. Of an effect with which the mission is hardly ever
+/// flown, however weak, nothing can be learned: it is not in the bank.
 pub(super) fn end(begun: Begun, flown: Vec<EffectRows>) -> Made {
     let ends = begun.ends();
     let Begun { mut bank, mut lost, .. } = begun;
-    for (effect, draws) in bank.effects.iter_mut().zip(flown) {
+    for (mut effect, draws) in std::mem::take(&mut bank.effects).into_iter().zip(flown) {
+        let least = LEAST_DRAWS.min(draws.len());
         for draw in draws {
             let Some(draw) = draw else {
                 *lost.entry(effect.id.clone()).or_default() += 1;
@@ -275,6 +280,9 @@ pub(super) fn end(begun: Begun, flown: Vec<EffectRows>) -> Made {
                 *axis = axis.with(*value);
             }
             effect.draws.push(draw);
+        }
+        if effect.draws.len() >= least {
+            bank.effects.push(effect);
         }
     }
     Made { bank, lost: lost.into_iter().collect(), ends }
@@ -363,6 +371,25 @@ mod tests {
             let silent = Silence { row, sigmas: &sigmas }.holds(&draw.statistics);
             assert!(!silent, "{:?}: drawn {drawn:?}, flown {flown:?}", draw.theta);
         }
+    }
+
+    #[test]
+    fn regress_an_effect_that_cannot_be_flown_does_not_end_the_bank() {
+        // Of a stranger's log 8 references made a simulator that tumbled with every L1, and after a quarter of an hour of flying
+        // there was "no bank to learn from".
+        let scene = Scene::lab().unwrap();
+        let library: Vec<_> =
+            library::standard().into_iter().filter(|s| ["P1", "L1"].contains(&s.id)).collect();
+        let size = BankSize { seeds: 0, jitter: 1, draws: 6 };
+        let recipe = Recipe { scene: &scene, items: &[], library: &library, size, seed: 1 };
+        let draw = |k: u64| Draw { theta: vec![0.1], seed: k, twin: 0, statistics: Vec::new() };
+        let flown = library.iter().map(|spec| match spec.id {
+            "L1" => vec![None; 6],
+            _ => (0..6).map(|k| Some(draw(k))).collect(),
+        });
+        let made = end(begin(&recipe, vec![Ok(Vec::new())]), flown.collect());
+        assert_eq!(made.bank.effects.iter().map(|e| &e.id[..]).collect::<Vec<_>>(), ["P1"]);
+        assert_eq!(made.lost, [("L1".to_owned(), 6)]);
     }
 
     #[test]

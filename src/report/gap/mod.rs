@@ -191,7 +191,7 @@ fn found(html: &mut String, d: &Diagnosis) {
         String::new()
     } else {
         format!(
-            "{}: most flights with these look like flights without, on what this flight visited",
+            "{}: most flights with these look like flights without, on what this flight visited, or none comes to its end",
             escape(&d.not_testable.join(" "))
         )
     };
