@@ -124,9 +124,9 @@ pub struct Score {
 }
 
 /// Bins of the calibration error.
-const BINS: usize = 10;
+pub const BINS: usize = 10;
 
-fn alarmed(a: &Attribution) -> bool {
+pub fn alarmed(a: &Attribution) -> bool {
     !matches!(
         a.outcome,
         Outcome::NoMaterialGap | Outcome::NotTestable { .. } | Outcome::Fault { .. }
@@ -134,7 +134,7 @@ fn alarmed(a: &Attribution) -> bool {
 }
 
 /// Place of `id` among the candidates, if a gap was seen.
-fn rank(a: &Attribution, id: &str) -> Option<usize> {
+pub fn rank(a: &Attribution, id: &str) -> Option<usize> {
     let found = a.candidates.iter().position(|c| c.id == id);
     found.filter(|_| alarmed(a))
 }

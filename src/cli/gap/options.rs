@@ -74,7 +74,7 @@ impl BankOptions {
         let base = match self.size {
             Size::Large => BankSize { seeds: 24, jitter: 1440, draws: 80 },
             Size::Full => BankSize::default(),
-            Size::Small => BankSize { seeds: 20, jitter: 60, draws: 10 },
+            Size::Small => BankSize::SMALL,
             Size::Smallest => BankSize { seeds: 4, jitter: 16, draws: LEAST_DRAWS },
         };
         BankSize {

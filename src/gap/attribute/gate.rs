@@ -11,6 +11,12 @@
 //! what is usual among the effects, each flight is held against those of the others, and limits are prediction limits of
 //! that many flights. Accepted flights are often of one hour, and a flight that is judged is of another, with another load of the
 //! computer, another charge, and a start some centimetres beside the mark: it scatters more than they do among one another.
+//!
+//! ```text
+//! σ² = s² (1 + 1/n + h (k² − 1 + r))
+//! ```
+//! σ of a statistic in another flight, in its unit; s over n accepted flights; h how surely these are of one hour, 0 to 1
+//! ([`of_one_hour`]); k how much more any scatters between hours; r what worlds teach of this one beyond ([`between_hours`]).
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;

@@ -28,8 +28,8 @@ pub enum BankFileError {
     },
 }
 
-/// A row of statistics in JSON.
-pub(crate) type Row = Vec<Option<f64>>;
+/// A row of statistics on disk; `null`: unknown.
+pub type Row = Vec<Option<f64>>;
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -59,11 +59,13 @@ pub(super) fn draw_from_disk((theta, seed, twin, row): DrawOnDisk) -> Draw {
     Draw { theta, seed, twin, statistics: from_disk(row) }
 }
 
-pub(crate) fn to_disk(rows: &[f64]) -> Row {
+/// A row in JSON, which knows no NaN.
+pub fn to_disk(rows: &[f64]) -> Row {
     rows.iter().map(|v| v.is_finite().then_some(*v)).collect()
 }
 
-pub(crate) fn from_disk(row: Row) -> Vec<f64> {
+/// A row as the diagnosis takes it.
+pub fn from_disk(row: Row) -> Vec<f64> {
     row.into_iter().map(|v| v.unwrap_or(f64::NAN)).collect()
 }
 

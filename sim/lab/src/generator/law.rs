@@ -300,13 +300,13 @@ impl Stranger {
     fn add(&mut self, m: &Moment, dt_s: f64, [kg, wing_m]: [f64; 2], sum: &mut Strange) {
         let lagged = self.memory.lagged(self.law.argument.of(m, self.law.heading_rad), dt_s);
         let k = self.law.factor(m, lagged);
-        // A delay is never negative.
         let come_and_go = k - 1.0;
         match self.at {
             At::Force(f) => sum.force_B_n += f * (kg * G_MPS2 * come_and_go),
             At::Twist(f) => sum.twist_B_nm += f * (kg * G_MPS2 * wing_m * come_and_go),
             At::Accelerometer(a) => sum.acc_mps2 += a * come_and_go,
             At::Gyroscope(w) => sum.rate_radps += w * come_and_go,
+            // A delay is never negative.
             At::ToBoard(s) => sum.later_s[0] += s * come_and_go.max(0.0),
             At::FromTag(s) => sum.later_s[1] += s * come_and_go.max(0.0),
         }

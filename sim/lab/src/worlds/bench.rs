@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow};
+use haltere_gap::bank::bank_file::{self, to_disk};
 use haltere_gap::bank::library;
 use haltere_gap::bank::make_bank::BankSize;
 use haltere_gap::bank::workshop::Workshop;
@@ -19,9 +20,6 @@ use serde::{Deserialize, Serialize};
 
 use super::flown::{Flyable, Row};
 use crate::score::Truth;
-
-/// The small bank (`haltere gap diagnose --size small`).
-pub const SIZE: BankSize = BankSize { seeds: 20, jitter: 60, draws: 10 };
 
 /// What is kept of a world.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -42,16 +40,6 @@ pub struct Seen {
     pub rows: Vec<Row>,
     /// Processor time for world, commissioning and bank, s.
     pub processor_s: [f64; 3],
-}
-
-/// A row in JSON, which knows no NaN.
-fn kept(row: Vec<f64>) -> Vec<Option<f64>> {
-    row.into_iter().map(|v| v.is_finite().then_some(v)).collect()
-}
-
-/// A row as the diagnosis takes it.
-pub fn row(kept: &[Option<f64>]) -> Vec<f64> {
-    kept.iter().map(|v| v.unwrap_or(f64::NAN)).collect()
 }
 
 /// Processor time of this process, s.
@@ -93,15 +81,14 @@ pub fn seen(
         scene.clone(),
         items.clone(),
         library::standard(),
-        SIZE,
+        BankSize::SMALL,
         told("bank"),
     )
     .map_err(anyhow::Error::new)?;
-    haltere_gap::bank::bank_file::write(bank, &workshop.bank)
-        .map_err(|error| anyhow!("{error}"))?;
+    bank_file::write(bank, &workshop.bank).map_err(|error| anyhow!("{error}"))?;
     let bank_s = processor_s();
     let nominal = Nominal::of_scene(&scene);
-    let observed = |trace: &Trace| statistics_of(trace, &nominal).ok().map(kept);
+    let observed = |trace: &Trace| statistics_of(trace, &nominal).ok().map(|row| to_disk(&row));
     let healthy = flyable.healthy.iter().map(|(session, trace)| Row {
         truth: Truth::NoGap,
         times: 0.0,

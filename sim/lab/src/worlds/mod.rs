@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow, bail};
 use haltere::cli::{print, print_json};
 use haltere_gap::attribute::{Attributor, Settings};
-use haltere_gap::bank::bank_file;
+use haltere_gap::bank::bank_file::{self, from_disk};
 use haltere_gap::flight::seal;
 use haltere_gap::flight::statistics::specs;
 use haltere_log::written;
@@ -32,7 +32,7 @@ use serde::Serialize;
 use crate::cases::list::mixed;
 use crate::generator::world::World;
 use crate::score::Truth;
-use bench::{processor_s, recall, remember, row, seen};
+use bench::{processor_s, recall, remember, seen};
 use flown::Flyable;
 use table::Tally;
 
@@ -205,11 +205,14 @@ fn judged(folder: &Path, place: &Place, settings: &Settings) -> Result<Judged> {
     let seen = recall(&at("json"))?;
     let (bank, _) = bank_file::read(&at("bank")).map_err(|error| anyhow!("{error}"))?;
     let begun_s = processor_s();
-    let accepted: Vec<Vec<f64>> = seen.accepted.iter().map(|r| row(r)).collect();
+    let accepted: Vec<Vec<f64>> = seen.accepted.iter().cloned().map(from_disk).collect();
     let blocks: Vec<_> = specs().iter().map(|spec| spec.block).collect();
     let attributor = Attributor::new(&bank, &accepted, &[], &blocks, settings)?;
-    let known: Vec<_> =
-        seen.rows.iter().filter_map(|one| Some((one, row(one.statistics.as_deref()?)))).collect();
+    let known: Vec<_> = seen
+        .rows
+        .iter()
+        .filter_map(|one| Some((one, from_disk(one.statistics.clone()?))))
+        .collect();
     let flights: Vec<Vec<f64>> = known.iter().map(|(_, flight)| flight.clone()).collect();
     let verdicts = attributor.attribute_all(&flights);
     let mut tally = Tally::default();

@@ -5,10 +5,7 @@ use haltere_gap::bank::library::find;
 use haltere_gap::outcome::Outcome;
 use serde::Serialize;
 
-use crate::score::{Share, Truth};
-
-/// Bins of the stated probability.
-pub const BINS: usize = 10;
+use crate::score::{BINS, Share, Truth, alarmed, rank};
 
 /// Hits, of how many.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
@@ -66,10 +63,7 @@ impl Tally {
     /// Counts one verdict.
     pub fn add(&mut self, truth: &Truth, verdict: &Attribution) {
         let said = verdict.outcome.effects();
-        let alarmed = !matches!(
-            verdict.outcome,
-            Outcome::NoMaterialGap | Outcome::NotTestable { .. } | Outcome::Fault { .. }
-        );
+        let alarmed = alarmed(verdict);
         let refused = matches!(verdict.outcome, Outcome::NotInLibrary { .. });
         match truth {
             Truth::NoGap => self.alarm.add(alarmed),
@@ -90,8 +84,7 @@ impl Tally {
             Truth::Single { id, block, .. } => {
                 self.named.add(said.first().is_some_and(|e| e.id == *id));
                 self.wrong.add(said.first().is_some_and(|e| e.id != *id));
-                let rank = verdict.candidates.iter().position(|c| c.id == *id);
-                let rank = rank.filter(|_| alarmed);
+                let rank = rank(verdict, id);
                 self.first.add(rank == Some(0));
                 self.of_three.add(rank.is_some_and(|r| r < 3));
                 let own = said.first().and_then(|e| find(&e.id)).map(|s| s.block.name());

@@ -40,7 +40,7 @@ pub struct Deviations {
 }
 
 impl Deviations {
-    /// Takes over what goes on by itself: turbulence, bursts, pauses, walks, swings.
+    /// Takes over what goes on by itself in effects of the library: turbulence, bursts, pauses, walks.
     pub fn go_on_from(&mut self, old: &Self) {
         self.aero.go_on_from(&old.aero);
         self.uwb.go_on_from(&old.uwb);
