@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::ambiguity;
 use super::blocks::Groups;
 use super::evidence::Fit;
-use super::foretold::Foretold;
+use super::foretold::foretold;
 use super::library::Library;
 use super::open_set::{features, remainder, score};
 use super::pairs::{self, PairFit};
@@ -121,9 +121,7 @@ impl Attributor {
             let [own, other] = [k, 1 - k].map(|k| case.library.effects.get(pair.effects[k]));
             let Some((own, other)) = own.zip(other) else { return false };
             let rest = &case.z - other.mean(&other.coordinates(&pair.units[1 - k]));
-            let (unit, h) = (pair.units[k].clone(), own.coordinates(&pair.units[k]));
-            let fit = Fit { effect: pair.effects[k], unit, h, ..Fit::default() };
-            Foretold::new(case.library, &rest, &fit).share() >= self.settings.foretold
+            foretold(own, &rest) >= self.settings.foretold
         })
     }
 
@@ -185,21 +183,20 @@ impl Attributor {
         if pair.is_some() {
             adequacy.limit = self.limits.adequate_pair;
         }
-        let foretold = Foretold::new(library, &case.z, first);
-        adequacy.foretold = foretold.share();
+        adequacy.foretold =
+            library.effects.get(first.effect).map_or(0.0, |effect| foretold(effect, &case.z));
+        let foretells = adequacy.foretold >= adequacy.foretold_limit;
         // Where no more than noise is left, and the effect foretells the gap, nothing speaks of another cause.
-        let leaves_nothing =
-            adequacy.explained >= 1.0 && adequacy.foretold >= adequacy.foretold_limit;
+        let leaves_nothing = adequacy.explained >= 1.0 && foretells;
         let adequate = adequacy.score <= adequacy.limit || (leaves_nothing && pair.is_none());
         let own = self.named(library, first, posterior(first));
         // What may have no size is no name, however improbable all others are.
         let space = library.effects.get(first.effect).map(|s| &s.space);
         let sized = !space.is_some_and(|space| space.holds_off(&own.theta_90));
         let sure = own.probability >= self.settings.sure && merged.is_empty() && sized;
-        // What an effect foretells overrules what our own world says of it, either way; against a limit its name must be surer.
-        let overrules = own.probability >= self.settings.coverage
-            && adequacy.foretold >= adequacy.foretold_limit;
-        let believed = if adequate { !foretold.fails() } else { sure && overrules };
+        // Against a limit of our own world the name of what foretells the gap must be surer.
+        let surer = sure && own.probability >= self.settings.coverage;
+        let believed = foretells && (adequate || surer);
         let residual = match &pair {
             Some(p) => p.residual.clone(),
             None => library.residual(&case.z, first),

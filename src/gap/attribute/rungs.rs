@@ -6,7 +6,7 @@ use nalgebra::DVector;
 use serde::Serialize;
 
 use super::evidence::Fit;
-use super::foretold::Foretold;
+use super::foretold::foretold;
 use super::library::{Library, Part};
 use super::trials::seen_of;
 use super::{Attribution, Attributor};
@@ -44,8 +44,10 @@ impl Attributor {
         let posterior = self.limits.calibration.posterior(&seen_of(&library, &z, &fits).evidence);
         let cause = fits.iter().find(is_cause);
         let wrong = fits.iter().find(|fit| !is_cause(fit));
-        let share =
-            |fit: Option<&Fit>| fit.map_or(0.0, |fit| Foretold::new(&library, &z, fit).share());
+        let share = |fit: Option<&Fit>| {
+            let effect = fit.and_then(|fit| library.effects.get(fit.effect));
+            effect.map_or(0.0, |effect| foretold(effect, &z))
+        };
         let law =
             cause.map_or(0.0, |fit| super::decide::explained(library.left(&z, fit).squared, &z));
         let residual = cause.map_or_else(|| z.clone(), |fit| library.residual(&z, fit));

@@ -157,23 +157,7 @@ impl Surrogate {
         let b = weights * (z * &q);
         let size2 = (fitted.norm_squared() / n as f64).max(1.0);
         let spread = residual_noise(&left_out, &fitted, size2, law);
-        let noise: Vec<Noise> = LEVELS
-            .iter()
-            .map(|level| Noise::new(&(&spread.0 * *level), &(&spread.1 * level.sqrt())))
-            .collect();
-        let solved = noise
-            .iter()
-            .map(|n| {
-                let columns: Vec<DVector<f64>> =
-                    q.column_iter().map(|c| n.solve(&c.into_owned())).collect();
-                let solved = if columns.is_empty() {
-                    DMatrix::zeros(q.nrows(), 0)
-                } else {
-                    DMatrix::from_columns(&columns)
-                };
-                (q.tr_mul(&solved), solved)
-            })
-            .collect();
+        let (noise, solved) = at_levels(&q, &spread);
         let mut surrogate = Self {
             space,
             kernel,
@@ -191,6 +175,14 @@ impl Surrogate {
         surrogate.starts =
             units.into_iter().map(|u| (u.clone(), surrogate.coordinates(&u))).collect();
         surrogate
+    }
+
+    /// The same effect as these whitened numbers alone see it.
+    pub fn seen_by(&self, rows: &[usize]) -> Self {
+        let q = self.q.select_rows(rows);
+        let spread = (self.spread.0.select_rows(rows), self.spread.1.select_rows(rows));
+        let (noise, solved) = at_levels(&q, &spread);
+        Self { q, noise, solved, spread, ..self.clone() }
     }
 
     /// Coordinates of the signature at a point of the unit cube.
@@ -216,6 +208,27 @@ impl Surrogate {
     pub fn level(&self, h: &DVector<f64>) -> f64 {
         (h.norm_squared() / self.size2).clamp(LEVELS[0], LEVELS[LEVELS.len() - 1])
     }
+}
+
+/// Noise at [`LEVELS`], and `Qᵀ N⁻¹ Q` and `N⁻¹ Q`.
+fn at_levels(
+    q: &DMatrix<f64>,
+    spread: &(DVector<f64>, DMatrix<f64>),
+) -> (Vec<Noise>, Vec<(DMatrix<f64>, DMatrix<f64>)>) {
+    let at = |level: &f64| Noise::new(&(&spread.0 * *level), &(&spread.1 * level.sqrt()));
+    let noise: Vec<Noise> = LEVELS.iter().map(at).collect();
+    let solved = noise.iter().map(|n| {
+        let columns: Vec<DVector<f64>> =
+            q.column_iter().map(|c| n.solve(&c.into_owned())).collect();
+        let solved = if columns.is_empty() {
+            DMatrix::zeros(q.nrows(), 0)
+        } else {
+            DMatrix::from_columns(&columns)
+        };
+        (q.tr_mul(&solved), solved)
+    });
+    let solved = solved.collect();
+    (noise, solved)
 }
 
 /// Least `1 - H_ii`: a draw that determines itself says nothing about prediction.
