@@ -66,8 +66,8 @@ pub struct Choice {
     pub tenth: bool,
     /// The lockbox too.
     pub lockbox: bool,
-    /// Without reference flights.
-    pub without_references: bool,
+    /// Only so many accepted flights, and none that are kept for limits; absent: all.
+    pub references: Option<usize>,
     /// Measure shrink on the held-out flights.
     pub shrink: bool,
     /// Effects that are taken out of the library.

@@ -68,16 +68,14 @@ impl Hall<'_> {
                 }
             },
         )?;
-        let accepted = |flights: &[Public]| -> Vec<Vec<f64>> {
-            if self.choice.without_references {
-                return Vec::new();
-            }
+        let accepted = |flights: &[Public], most: Option<usize>| -> Vec<Vec<f64>> {
             let plain = first.mission == "plain";
-            let logs = flights.iter().map(|c| if plain { &c.plain } else { &c.diagnostic });
+            let flights = flights.iter().take(most.unwrap_or(usize::MAX));
+            let logs = flights.map(|c| if plain { &c.plain } else { &c.diagnostic });
             statistics(self.dir, logs, &workshop)
         };
-        let references = accepted(&self.suite.commissioning);
-        let calibration = accepted(&self.suite.calibration);
+        let references = accepted(&self.suite.commissioning, self.choice.references);
+        let calibration = accepted(&self.suite.calibration, self.choice.references.and(Some(0)));
         let long = || tell(format!("learning, {} reference flights", references.len()));
         let attributor = workshop.learn(&references, &calibration, &self.choice.settings, long)?;
         Ok(Bench { workshop, attributor, references, calibration })

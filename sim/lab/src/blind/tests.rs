@@ -67,7 +67,7 @@ fn choice(lockbox: bool) -> Choice {
     Choice {
         tenth: true,
         lockbox,
-        without_references: true,
+        references: Some(0),
         shrink: false,
         withheld: Vec::new(),
         size: BankSize { seeds: 4, jitter: 12, draws: 6 },

@@ -25,9 +25,9 @@ pub struct Blind {
     /// The lockbox too: at releases only.
     #[arg(long)]
     lockbox: bool,
-    /// Without the reference flights of the airframe.
-    #[arg(long)]
-    without_references: bool,
+    /// Only so many accepted flights, and none kept for limits alone: what a user has. By default all of the suite.
+    #[arg(long, value_name = "N")]
+    references: Option<usize>,
     /// Flies held-out missions with what was named, and measures the shrink.
     #[arg(long)]
     shrink: bool,
@@ -35,7 +35,7 @@ pub struct Blind {
     #[arg(long, value_name = "FILE")]
     answers: Option<PathBuf>,
     /// Takes every effect out of the library in turn and diagnoses its flights without it.
-    #[arg(long, conflicts_with_all = ["answers", "shrink", "without_references"])]
+    #[arg(long, conflicts_with_all = ["answers", "shrink", "references"])]
     withhold_each: bool,
     /// Fails when a score is surely lower: `top_1=0.4` asks that the upper 95 % limit of top-1 is at
     /// least 0.4, `false_alarm=0.1` that the lower limit of false alarms is at most 0.1.
@@ -71,7 +71,7 @@ impl Blind {
         let choice = Choice {
             tenth: self.tenth,
             lockbox: self.lockbox,
-            without_references: self.without_references,
+            references: self.references,
             shrink: self.shrink,
             withheld: self.options.without.clone(),
             size: self.options.size(),
