@@ -57,7 +57,7 @@ mod tests {
             let fits = it.library.explain(&z, usize::MAX);
             let of = |right: bool| {
                 let fit = fits.iter().find(|fit| (fit.effect == effect) == right).unwrap();
-                Foretold::new(&it.library, &z, fit)
+                foretold(&it.library.effects[fit.effect], &z)
             };
             let (cause, other) = (of(true), of(false));
             flights += 1;
