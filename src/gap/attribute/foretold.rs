@@ -32,7 +32,7 @@ pub(super) fn foretold(effect: &Surrogate, z: &DVector<f64>) -> f64 {
     };
     let closed = 2.0 * (0..DECKS).map(of_deck).sum::<f64>();
     let gap = z.norm_squared() - z.len() as f64;
-    closed / gap.max(2.0 * whole).max(1.0)
+    (closed / gap.max(2.0 * whole).max(1.0)).min(1.0)
 }
 
 #[cfg(test)]
