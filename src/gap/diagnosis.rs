@@ -441,8 +441,7 @@ pub fn judge(
             result.wants_budget = alone && came_far;
             let outcome = comparable(&attribution, came_far, alone);
             // What is said has shown.
-            let is_said = |id: &String| outcome.effects().iter().any(|e| e.id == *id);
-            result.not_testable.retain(|id| !is_said(id));
+            result.not_testable.retain(|id| !outcome.effects().iter().any(|e| e.id == *id));
             result.ladder = ladder(&attribution, &result.not_testable);
             result.explained = Explained::of(&attribution);
             result.attribution = Some(attribution);

@@ -6,10 +6,9 @@
 //! p(z_d | z_-d) = ∫ p(z_d | z_-d, θ) p(θ | z_-d) dθ = Z(z) / Z(z_-d)
 //! closed = 2 Σ_d (log Z(z) - log Z(z_-d) + ½ |z_d|²)
 //! ```
-//! with `Z` the evidence, and beside it the same for "no effect": a difference of log predictive densities, twice. A cause foretells nearly
-//! all that it explains, whatever else the simulator lacks of this vehicle, also where a single number shows it: the others then leave its
-//! size open, and nothing is foretold wrongly. A wrong effect with free parameters explains much and foretells little, and one that only
-//! adds noise foretells nothing. It is held against the flight's own gap, so it asks for no floor of another vehicle.
+//! with `Z` the evidence, beside the same for "no effect", twice. A cause foretells nearly all that it explains, whatever else the simulator
+//! lacks of this vehicle, also where a single number shows it: the others leave its size open, and nothing is foretold wrongly. A wrong effect
+//! with free parameters explains much and foretells little. It is held against the flight's own gap: no floor of another vehicle is asked for.
 
 use nalgebra::DVector;
 
@@ -30,9 +29,8 @@ pub(super) fn foretold(effect: &Surrogate, z: &DVector<f64>) -> f64 {
         let kept: Vec<usize> = (0..z.len()).filter(|k| k % DECKS != deck).collect();
         whole - evidence(&effect.seen_by(&kept), &z.select_rows(&kept))
     };
-    let closed = 2.0 * (0..DECKS).map(of_deck).sum::<f64>();
-    let gap = z.norm_squared() - z.len() as f64;
-    (closed / gap.max(2.0 * whole).max(1.0)).min(1.0)
+    let gap = (z.norm_squared() - z.len() as f64).max(2.0 * whole).max(1.0);
+    (2.0 * (0..DECKS).map(of_deck).sum::<f64>() / gap).min(1.0)
 }
 
 #[cfg(test)]
