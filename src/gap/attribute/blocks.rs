@@ -50,7 +50,7 @@ impl Groups {
                     places.len(),
                     places.iter().map(|k| LEAST_VARIANCE + standard.unresolved(*k)),
                 );
-                let w = whitener(&(covariance + DMatrix::from_diagonal(&floor)));
+                let [w, _] = whitener(&(covariance + DMatrix::from_diagonal(&floor)));
                 Group { block, places, w, mean: own.row_mean().transpose() }
             })
             .collect();

@@ -95,10 +95,7 @@ impl Law<'_> {
     /// What an error of each statistic does to the whitened numbers at `τ = 1`, largest first.
     fn columns(&self, fitted: &DMatrix<f64>, weight: f64) -> Vec<DVector<f64>> {
         let p = fitted.ncols();
-        let mut squares = DVector::zeros(p);
-        for row in fitted.row_iter() {
-            squares += self.whitening.undo(&row.transpose()).map(|v| v * v);
-        }
+        let squares = self.whitening.undo_rows(fitted).map(|v| v * v).column_sum();
         let mut columns: Vec<DVector<f64>> = (0..p)
             .map(|j| self.whitening.direction(j) * (self.form * f64::sqrt(squares[j] / weight)))
             .collect();
@@ -217,16 +214,7 @@ fn at_levels(
 ) -> (Vec<Noise>, Vec<(DMatrix<f64>, DMatrix<f64>)>) {
     let at = |level: &f64| Noise::new(&(&spread.0 * *level), &(&spread.1 * level.sqrt()));
     let noise: Vec<Noise> = LEVELS.iter().map(at).collect();
-    let solved = noise.iter().map(|n| {
-        let columns: Vec<DVector<f64>> =
-            q.column_iter().map(|c| n.solve(&c.into_owned())).collect();
-        let solved = if columns.is_empty() {
-            DMatrix::zeros(q.nrows(), 0)
-        } else {
-            DMatrix::from_columns(&columns)
-        };
-        (q.tr_mul(&solved), solved)
-    });
+    let solved = noise.iter().map(|n| n.solve(q)).map(|solved| (q.transpose() * &solved, solved));
     let solved = solved.collect();
     (noise, solved)
 }

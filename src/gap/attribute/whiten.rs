@@ -160,6 +160,8 @@ pub(super) struct Whitening {
     /// Centre and scale.
     pub standard: Standard,
     w: DMatrix<f64>,
+    /// Its inverse.
+    back: DMatrix<f64>,
 }
 
 impl Whitening {
@@ -186,7 +188,8 @@ impl Whitening {
             covariance[(k, k)] += standard.unresolved(k);
             covariance[(k, k)] = covariance[(k, k)].max(LEAST_VARIANCE);
         }
-        Self { w: whitener(&covariance), standard }
+        let [w, back] = whitener(&covariance);
+        Self { standard, w, back }
     }
 
     /// Number of statistics in use.
@@ -211,7 +214,12 @@ impl Whitening {
 
     /// Compressed numbers of whitened ones.
     pub fn undo(&self, z: &DVector<f64>) -> DVector<f64> {
-        self.w.solve_lower_triangular(z).unwrap_or_else(|| z.clone())
+        &self.back * z
+    }
+
+    /// The same of whitened rows, as columns.
+    pub fn undo_rows(&self, rows: &DMatrix<f64>) -> DMatrix<f64> {
+        &self.back * rows.transpose()
     }
 }
 
