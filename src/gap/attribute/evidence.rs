@@ -63,7 +63,7 @@ impl<'a> Sufficient<'a> {
     fn part(&self, level: usize) -> &(DVector<f64>, f64) {
         let Surrogate { solved, noise, .. } = self.surrogate;
         self.parts[level]
-            .get_or_init(|| (solved[level].1.tr_mul(self.z), noise[level].squared(self.z)))
+            .get_or_init(|| (solved[level][1].tr_mul(self.z), noise[level].squared(self.z)))
     }
 
     /// Log likelihood of a signature.
@@ -74,7 +74,7 @@ impl<'a> Sufficient<'a> {
         let share = place - below as f64;
         let at = |l: usize| {
             let (b, c) = self.part(l);
-            let a = &self.surrogate.solved[l].0;
+            let a = &self.surrogate.solved[l][0];
             let mut quadratic = 0.0;
             for j in 0..h.len() {
                 let mut column = 0.0;

@@ -126,7 +126,7 @@ pub(super) struct Surrogate {
     /// Noise at [`LEVELS`].
     pub noise: Vec<Noise>,
     /// `Qᵀ N⁻¹ Q` and `N⁻¹ Q` at [`LEVELS`].
-    pub solved: Vec<(DMatrix<f64>, DMatrix<f64>)>,
+    pub solved: Vec<[DMatrix<f64>; 2]>,
     /// Diagonal and low-rank part at `τ = 1`.
     pub spread: (DVector<f64>, DMatrix<f64>),
 }
@@ -211,10 +211,10 @@ impl Surrogate {
 fn at_levels(
     q: &DMatrix<f64>,
     spread: &(DVector<f64>, DMatrix<f64>),
-) -> (Vec<Noise>, Vec<(DMatrix<f64>, DMatrix<f64>)>) {
+) -> (Vec<Noise>, Vec<[DMatrix<f64>; 2]>) {
     let at = |level: &f64| Noise::new(&(&spread.0 * *level), &(&spread.1 * level.sqrt()));
     let noise: Vec<Noise> = LEVELS.iter().map(at).collect();
-    let solved = noise.iter().map(|n| n.solve(q)).map(|solved| (q.transpose() * &solved, solved));
+    let solved = noise.iter().map(|n| n.solve(q)).map(|solved| [q.transpose() * &solved, solved]);
     let solved = solved.collect();
     (noise, solved)
 }
