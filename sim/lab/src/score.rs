@@ -89,6 +89,10 @@ impl Share {
 /// All scores.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Score {
+    /// The first name that is said is right, alone or of a set.
+    pub named: Share,
+    /// A wrong name is first.
+    pub wrong: Share,
     /// Right effect first, a gap seen.
     pub top_1: Share,
     /// Right effect among the first three, a gap seen.
@@ -101,10 +105,10 @@ pub struct Score {
     pub subsystem: Share,
     /// No-gap flights with any other verdict.
     pub false_alarm: Share,
+    /// Of two effects one is named, or both, and none wrong.
+    pub one_of_two: Share,
     /// Pairs exactly right, number unknown.
     pub pair_exact: Share,
-    /// Micro-averaged F1 of the names on pairs.
-    pub pair_f1: f64,
     /// Unknown effects called "not in the library".
     pub unknown_rejected: Share,
     /// Single known effects called so.
@@ -137,6 +141,19 @@ pub fn alarmed(a: &Attribution) -> bool {
 pub fn rank(a: &Attribution, id: &str) -> Option<usize> {
     let found = a.candidates.iter().position(|c| c.id == id);
     found.filter(|_| alarmed(a))
+}
+
+/// First name that is said.
+pub fn first_name(a: &Attribution) -> Option<&str> {
+    a.outcome.effects().first().map(|e| e.id.as_str())
+}
+
+/// Right names of two effects, and names that are said. A set is one effect that goes by several names.
+pub fn names_of_two(a: &Attribution, ids: &[String; 2]) -> [usize; 2] {
+    let said = a.outcome.effects();
+    let most = if matches!(a.outcome, Outcome::OneOf { .. }) { 1 } else { said.len() };
+    let right = said.iter().take(most).filter(|e| ids.contains(&e.id)).count();
+    [right, most.min(said.len())]
 }
 
 /// Scores a suite.
@@ -173,6 +190,8 @@ pub fn score(cases: &[Case<'_>]) -> Score {
         }
     }
     let mut result = Score {
+        named: Share::of(singles(), |(c, id, ..)| first_name(c.verdict) == Some(id.as_str())),
+        wrong: Share::of(singles(), |(c, id, ..)| first_name(c.verdict).is_some_and(|n| n != id)),
         top_1: within(1),
         top_3: within(3),
         in_set: Share::of(singles(), |(c, id, ..)| {
@@ -216,23 +235,17 @@ pub fn score(cases: &[Case<'_>]) -> Score {
 }
 
 fn pairs(cases: &[Case<'_>], result: &mut Score) {
-    let (mut exact, mut count, mut right, mut said, mut want) = (0, 0, 0, 0, 0);
+    let (mut exact, mut one, mut count) = (0, 0, 0);
     for c in cases {
         if let Truth::Pair { ids } = &c.truth {
-            let named: Vec<&String> = match &c.verdict.outcome {
-                // A set is one effect that goes by several names.
-                Outcome::OneOf { effects } => effects.iter().take(1).map(|e| &e.id).collect(),
-                other => other.effects().iter().map(|e| &e.id).collect(),
-            };
-            let hits = named.iter().filter(|id| ids.contains(id)).count();
+            let [hits, named] = names_of_two(c.verdict, ids);
             count += 1;
-            exact += usize::from(hits == 2 && named.len() == 2);
-            (right, said, want) = (right + hits, said + named.len(), want + 2);
+            exact += usize::from([hits, named] == [2, 2]);
+            one += usize::from(hits > 0 && hits == named);
         }
     }
     result.pair_exact = Share::new(exact, count);
-    result.pair_f1 =
-        if said + want > 0 { 2.0 * right as f64 / (said + want) as f64 } else { f64::NAN };
+    result.one_of_two = Share::new(one, count);
 }
 
 /// Mean gap between said and true share of right first names, weighted by bin.
@@ -283,11 +296,14 @@ impl Score {
                 None => writeln!(out, "{name:<34} not checked: no such case"),
             };
         };
+        share("first name right", &self.named);
+        share("first name wrong", &self.wrong);
         share("top-1", &self.top_1);
         share("top-3", &self.top_3);
         share("truth in the declared set", &self.in_set);
         share("block", &self.subsystem);
         share("false alarm, no gap", &self.false_alarm);
+        share("one of two, none wrong", &self.one_of_two);
         share("pair exact", &self.pair_exact);
         share("unknown rejected", &self.unknown_rejected);
         share("unknown rejected at 5 % of known", &self.unknown_at_5);
@@ -301,7 +317,6 @@ impl Score {
             };
         };
         number("mean set size", self.set_size);
-        number("pair micro-F1", self.pair_f1);
         number("unknown AUROC", self.unknown_auroc);
         number("calibration error", self.ece);
         let _ = writeln!(out, "outcomes: {:?}", self.outcomes);
@@ -401,7 +416,8 @@ mod tests {
         assert_eq!(counts(s.subsystem), (2, 3));
         assert_eq!(counts(s.false_alarm), (1, 2));
         assert_eq!(counts(s.pair_exact), (1, 2));
-        assert_eq!(s.pair_f1, 0.75);
+        assert_eq!([s.named, s.wrong].map(counts), [(1, 3), (1, 3)]);
+        assert_eq!(counts(s.one_of_two), (1, 2));
         assert_eq!(counts(s.unknown_rejected), (1, 2));
         assert_eq!(counts(s.covered), (1, 2), "an unseen gap has no interval");
         assert!((s.unknown_auroc - 3.5 / 6.0).abs() < 1e-12, "{}", s.unknown_auroc);

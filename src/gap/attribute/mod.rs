@@ -58,7 +58,8 @@ pub struct Settings {
     /// An effect at least this probable, with no merged rival, is named alone.
     pub sure: f64,
     /// Least share of the gap that an effect must foretell, in statistics that its size was not fitted to, for its name to be said. A
-    /// third: all 36 causes that rank first on two drawn worlds foretell 0.43 and more (docs/GAP_SCORES.md).
+    /// third, as chosen of 0.25 to 0.5 on half of the labelled flights of a stranger's vehicle by an earlier measure, and kept: the 36
+    /// causes that rank first on two drawn worlds foretell 0.43 and more (docs/GAP_SCORES.md).
     pub foretold: f64,
     /// Relative uncertainty of every statistic of a signature in the likelihood: another law of the same effect. Chosen
     /// with `law` on labelled flights of another world (sim/lab/PROTOCOL.md, Development).

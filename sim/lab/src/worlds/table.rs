@@ -5,7 +5,7 @@ use haltere_gap::bank::library::find;
 use haltere_gap::outcome::Outcome;
 use serde::Serialize;
 
-use crate::score::{BINS, Share, Truth, alarmed, rank};
+use crate::score::{BINS, Share, Truth, alarmed, first_name, names_of_two, rank};
 
 /// Hits, of how many.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
@@ -62,7 +62,6 @@ pub struct Tally {
 impl Tally {
     /// Counts one verdict.
     pub fn add(&mut self, truth: &Truth, verdict: &Attribution) {
-        let said = verdict.outcome.effects();
         let alarmed = alarmed(verdict);
         let refused = matches!(verdict.outcome, Outcome::NotInLibrary { .. });
         match truth {
@@ -74,20 +73,16 @@ impl Tally {
                 self.stranger.add(refused || left);
             }
             Truth::Pair { ids } => {
-                let right = said.iter().filter(|e| ids.contains(&e.id)).count();
-                let one = match &verdict.outcome {
-                    Outcome::OneOf { .. } => said.first().is_some_and(|e| ids.contains(&e.id)),
-                    _ => right > 0 && right == said.len(),
-                };
-                self.pair.add(one);
+                let [right, said] = names_of_two(verdict, ids);
+                self.pair.add(right > 0 && right == said);
             }
             Truth::Single { id, block, .. } => {
-                self.named.add(said.first().is_some_and(|e| e.id == *id));
-                self.wrong.add(said.first().is_some_and(|e| e.id != *id));
+                self.named.add(first_name(verdict) == Some(id.as_str()));
+                self.wrong.add(first_name(verdict).is_some_and(|name| name != id));
                 let rank = rank(verdict, id);
                 self.first.add(rank == Some(0));
                 self.of_three.add(rank.is_some_and(|r| r < 3));
-                let own = said.first().and_then(|e| find(&e.id)).map(|s| s.block.name());
+                let own = first_name(verdict).and_then(find).map(|s| s.block.name());
                 let loud = verdict.blocks.first().map(|b| b.block.as_str());
                 self.block.add(alarmed && own.or(loud) == Some(block.as_str()));
                 self.refused.add(refused);
