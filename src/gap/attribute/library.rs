@@ -7,7 +7,7 @@ use super::Settings;
 use super::evidence::{Fit, Sufficient};
 use super::linear::Noise;
 use super::surrogate::{Law, Surrogate};
-use super::whiten::{Standard, Whitening, compressed};
+use super::whiten::{Standard, Whitening, compress, compressed};
 use crate::bank::{Bank, Draw};
 
 /// What an explanation leaves.
@@ -78,6 +78,7 @@ impl Library {
             [&settings.resolution, &settings.sessions],
             allowed,
         );
+        let plain = standard.clone().without_shift();
         let whitening = Whitening::new(standard, &jitter, references);
         let law = Law { form: settings.form, whitening: &whitening };
         let effects: Vec<Surrogate> = bank
@@ -86,8 +87,9 @@ impl Library {
             .map(|effect| {
                 let teaches = effect.draws.iter().enumerate().filter(|(i, _)| part.teaches(*i));
                 let kept: Vec<&Draw> = teaches.map(|(_, d)| d).collect();
-                let standard = &whitening.standard;
-                let off = |d: &&Draw| standard.apart(&d.statistics, &bank.jitter[d.twin]);
+                let off = |d: &&Draw| {
+                    difference(&plain.raw(&d.statistics), &plain.raw(&bank.jitter[d.twin]))
+                };
                 let z = whitening.apply_rows(&filled(kept.iter().map(off).collect()));
                 let thetas: Vec<&[f64]> = kept.iter().map(|d| d.theta.as_slice()).collect();
                 Surrogate::new(&effect.axes, &thetas, &z, Some(&law))
@@ -136,6 +138,11 @@ impl Library {
         let residual = self.residual(z, fit);
         Left { squared: noise.squared(&residual), peak: noise.peak(&residual) }
     }
+}
+
+/// Compressed, what a draw differs by from its twin; NaN where either is unknown.
+fn difference(draw: &[f64], twin: &[f64]) -> Vec<f64> {
+    draw.iter().zip(twin).map(|(v, t)| compress(*v) - compress(*t)).collect()
 }
 
 /// Unknown statistics of a draw become the mean of the effect's other draws.

@@ -18,7 +18,6 @@ mod linear;
 mod open_set;
 mod pairs;
 mod rungs;
-mod scatter;
 mod surrogate;
 mod teachers;
 mod theta;
@@ -34,12 +33,12 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use self::blocks::Groups;
+pub(crate) use self::gate::{between_hours, of_one_hour};
 use self::library::{Library, Part};
 pub use self::rungs::Rungs;
-use self::scatter::LEAST_REFERENCES;
-pub(crate) use self::scatter::{between_hours, of_one_hour};
 use self::teachers::Teachers;
 use self::trials::Limits;
+use self::whiten::LEAST_REFERENCES;
 use crate::bank::{Bank, BankError};
 use crate::outcome::{Outcome, Remainder};
 use haltere_model::effects::Block;
@@ -77,7 +76,7 @@ pub struct Settings {
     pub polished: usize,
     /// Smallest difference of every statistic that says anything about the vehicle, in its unit; empty: any.
     pub resolution: Vec<f64>,
-    /// Variance that another hour adds to every statistic, in variances within one; empty: none.
+    /// Variance that sessions add to every statistic, in variances within one; empty: none.
     pub sessions: Vec<f64>,
     /// Least change of every statistic that matters, in its unit; empty: everything matters.
     pub material: Vec<f64>,
@@ -331,7 +330,7 @@ impl Attributor {
         if library.whitening.width() == 0 {
             return Err(BankError::NothingUsable { names: expected }.into());
         }
-        let groups = teachers.groups(&library);
+        let groups = teachers.groups(all, &library);
         let limits = match learned {
             Some(Learned(limits)) => limits,
             None => trials::limits(&teachers, settings, allowed),
@@ -370,7 +369,7 @@ impl Attributor {
         let all = Part { held_out: None };
         let rows = teachers.reference_rows();
         let library = teachers.library(all, &rows, known, &self.settings);
-        let groups = teachers.groups(&library);
+        let groups = teachers.groups(all, &library);
         self.decide(&library, &groups, statistics, unknown)
     }
 

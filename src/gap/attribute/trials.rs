@@ -18,6 +18,7 @@ use super::gate::{Limit, Rule, Seen};
 use super::library::{Library, Part};
 use super::open_set::{Judge, features, score};
 use super::pairs;
+use super::teachers::HALF;
 use super::{Settings, Teachers};
 use crate::bank::Draw;
 use crate::normal::empirical_quantile;
@@ -109,10 +110,12 @@ pub(super) fn limits(
     for fold in 0..folds {
         let part = Part { held_out: Some((fold, folds)) };
         let library = teachers.library(part, &teachers.reference_rows(), allowed, settings);
-        let groups = teachers.groups(&library);
+        let groups = teachers.groups(part, &library);
         let judged = teachers.held_out_nulls(part);
         nulls.par_extend(
-            judged.par_iter().map(|s| null(&library, &groups, &teachers.placed(s), settings)),
+            judged.par_iter().enumerate().map(|(k, s)| {
+                null(&library, &groups, &teachers.placed(s, fold + k, HALF), settings)
+            }),
         );
         let known = flights(teachers, part, settings.law);
         trials.par_extend(known.par_iter().map(|k| trial(&library, settings, k)));
@@ -250,9 +253,12 @@ fn by_effect(fits: &[Fit]) -> Vec<f64> {
 /// explained so well that the judge would call every other vehicle's effect unknown.
 fn flights(teachers: &Teachers<'_>, part: Part, law: f64) -> Vec<Known> {
     let folds = part.held_out.map_or(1, |(_, folds)| folds);
+    let mut next = 0;
     let mut rng = Stream::new(part.held_out.map_or(0, |(fold, _)| fold as u64), "another law");
     let mut flown = |draws: &[&Draw]| -> Vec<f64> {
-        let mut flight = draws.first().map_or_else(Vec::new, |draw| teachers.without_effect(draw));
+        next += 1;
+        let mut flight =
+            draws.first().map_or_else(Vec::new, |draw| teachers.without_effect(draw, next));
         for draw in draws {
             let effect = teachers.effect(draw, law, &mut rng);
             flight.iter_mut().zip(effect).for_each(|(v, off)| *v += off);
@@ -337,7 +343,9 @@ fn reference_scores(
         let turns = if is_one_hour { REFERENCE_FOLDS } else { 1 };
         let held: Vec<Vec<f64>> = (0..turns)
             .flat_map(|turn| side(true).into_iter().enumerate().map(move |(k, row)| (turn, k, row)))
-            .map(|(turn, k, row)| teachers.elsewhen(row, turn + turns * (fold + folds * k)))
+            .map(|(turn, k, row)| {
+                teachers.elsewhen(row.to_vec(), turn + turns * (fold + folds * k))
+            })
             .collect();
         found.par_extend(held.par_iter().map(|s| seen(&library, settings, s)));
     }
