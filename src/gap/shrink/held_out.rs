@@ -85,8 +85,9 @@ pub fn resize_all(
         let share = match &explanation.effects[..] {
             [(spec, theta)] => {
                 let sized = resize(|e| model.left(fitted_on, e), model.vehicle(), spec, theta);
-                explanation.effects = sized.theta.map(|theta| (*spec, theta)).into_iter().collect();
-                sized.share
+                let share = sized.as_ref().map_or(0.0, |(share, _)| *share);
+                explanation.effects = sized.map(|(_, theta)| (*spec, theta)).into_iter().collect();
+                share
             }
             _ => 1.0,
         };

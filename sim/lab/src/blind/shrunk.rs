@@ -100,8 +100,8 @@ pub(super) fn shrunk(
             continue;
         }
         let flown = |spec: &EffectSpec, theta: &[f64]| -> (Paired, bool) {
-            match resize(|e| fit.left(diagnosed, e), fit.vehicle(), spec, theta).theta {
-                Some(theta) => (model.paired(real, &[(spec, &theta)]), true),
+            match resize(|e| fit.left(diagnosed, e), fit.vehicle(), spec, theta) {
+                Some((_, theta)) => (model.paired(real, &[(spec, &theta)]), true),
                 None => (model.paired(real, &[]), false),
             }
         };
