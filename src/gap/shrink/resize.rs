@@ -14,7 +14,7 @@ use haltere_model::effects::{EffectSpec, ParameterSpec};
 const SHARES: [f64; 8] = [0.25, 0.4, 0.55, 0.7, 0.85, 1.0, 1.2, 1.45];
 
 /// Searches the size of an effect of a vehicle. `left` flies the mission of the flight that was diagnosed with effects, or knows what it flew
-/// before, and says how far it is from that. Along the size this has one valley, so that of two neighbours the nearer one says on which side of
+/// before, and says how far it is from that. Along the size this is taken to have one valley, so that of two neighbours the nearer one says on which side of
 /// them the nearest lies: four or five of the eight shares are flown. Returns the share and the parameters; `None`: the effect does not help at
 /// any size.
 pub fn resize(
@@ -23,16 +23,18 @@ pub fn resize(
     spec: &EffectSpec,
     theta: &[f64],
 ) -> Option<(f64, Vec<f64>)> {
-    let sized = |at: usize| at_share(spec, vehicle, theta, SHARES[at]);
-    let distance = |at: usize| left(&[(spec, &sized(at))]);
-    let (mut low, mut high) = (0, SHARES.len() - 1);
+    let mut sizes = SHARES.map(|share| (share, at_share(spec, vehicle, theta, share))).to_vec();
+    // Shares beyond what is plausible are one size, and say nothing of the side.
+    sizes.dedup_by(|next, kept| next.1 == kept.1);
+    let distance = |at: usize| left(&[(spec, &sizes[at].1)]);
+    let (mut low, mut high) = (0, sizes.len() - 1);
     while low < high {
         let middle = (low + high) / 2;
         // Sizes that cannot be flown are infinitely far: smaller ones are tried.
         let is_below = distance(middle) <= distance(middle + 1);
         (low, high) = if is_below { (low, middle) } else { (middle + 1, high) };
     }
-    (distance(low) < left(&[])).then(|| (SHARES[low], sized(low)))
+    (distance(low) < left(&[])).then(|| sizes.swap_remove(low))
 }
 
 /// Parameters at a share of their size, within what is plausible on the vehicle.
@@ -73,6 +75,19 @@ mod tests {
             let flown = flown.borrow().len();
             assert!(flown <= 5, "{truth}: {flown} sizes");
         }
+    }
+
+    /// The smaller shares of what is hardly plausible are all the least size; two of them, equally far, sent the search away from the nearest.
+    #[test]
+    fn bug_shares_that_are_one_size_do_not_hide_the_nearest() {
+        let spec = library::find("P1").unwrap();
+        let vehicle = Vehicle::default();
+        let theta = 1.5 * spec.parameters[0].of(&vehicle).low;
+        let left = |effects: &[(&EffectSpec, &[f64])]| {
+            effects.first().map_or(1.0, |(_, sized)| (sized[0] / theta - 0.7).powi(2))
+        };
+        let (share, sized) = resize(left, &vehicle, spec, &[theta]).unwrap();
+        assert!(theta > 0.0 && share == 0.7 && (sized[0] - 0.7 * theta).abs() < 1e-9, "{share}");
     }
 
     #[test]
