@@ -29,25 +29,30 @@ fn val_smoother_finds_position_and_velocity_without_aerodynamics() {
     })
     .unwrap();
     let nominal = Nominal::of_scene(&scene);
-    let f = Flight::new(&trace, &nominal).unwrap();
-    let (mut pos2, mut vel2, mut n) = (0.0, 0.0, 0.0);
-    let mut filter2 = 0.0;
-    for (at, truth) in &truths {
-        let Some((k, share)) = f.line.place(*at).filter(|(k, _)| f.clear[*k]) else { continue };
-        let (a, b) = (&f.states[k], &f.states[k + 1]);
-        let p = a.pos_E_m + (b.pos_E_m - a.pos_E_m) * share;
-        let v = a.vel_E_mps + (b.vel_E_mps - a.vel_E_mps) * share;
-        let e = p - truth.pos_E_m.raw();
-        pos2 += e.norm_squared();
-        filter2 += (f.line.pos_E_m[k] - truth.pos_E_m.raw()).norm_squared();
-        vel2 += (v - truth.vel_E_mps.raw()).norm_squared();
-        n += 1.0;
+    // Weather and doors move the air pressure by half a metre in a minute. Whether the floor is near was asked of it alone, so that a
+    // vehicle at 1 m was smoothed to 0.7 m: one healthy flight in twenty of another simulator was a gap of its UWB.
+    let mut still_m = f64::INFINITY;
+    for wander_paps in [0.0, 0.12] {
+        for baro in &mut trace.baros {
+            baro.pressure_pa += wander_paps * baro.valid_at.seconds_since(truths[0].0);
+        }
+        let f = Flight::new(&trace, &nominal).unwrap();
+        let (mut pos2, mut vel2, mut n) = (0.0, 0.0, 0.0);
+        for (at, truth) in &truths {
+            let Some((k, share)) = f.line.place(*at).filter(|(k, _)| f.clear[*k]) else { continue };
+            let (a, b) = (&f.states[k], &f.states[k + 1]);
+            let p = a.pos_E_m + (b.pos_E_m - a.pos_E_m) * share;
+            let v = a.vel_E_mps + (b.vel_E_mps - a.vel_E_mps) * share;
+            pos2 += (p - truth.pos_E_m.raw()).norm_squared();
+            vel2 += (v - truth.vel_E_mps.raw()).norm_squared();
+            n += 1.0;
+        }
+        let (pos_m, vel_mps) = (f64::sqrt(pos2 / n), f64::sqrt(vel2 / n));
+        assert!(n > 5000.0, "{:?}", flown.texts);
+        assert!(pos_m < 0.15 && pos_m < still_m + 0.01, "{pos_m} m by {wander_paps} Pa/s");
+        assert!(vel_mps < 0.12, "{vel_mps} m/s by {wander_paps} Pa/s");
+        still_m = pos_m;
     }
-    let (pos, vel) = (f64::sqrt(pos2 / n), f64::sqrt(vel2 / n));
-    println!("position {pos:.3} m, velocity {vel:.3} m/s, filter {:.3} m", (filter2 / n).sqrt());
-    assert!(n > 5000.0, "{:?}", flown.texts);
-    assert!(pos < 0.15, "{pos} m");
-    assert!(vel < 0.12, "{vel} m/s");
 }
 
 #[test]

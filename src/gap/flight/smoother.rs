@@ -7,8 +7,8 @@
 //! body, which also takes the lean of the board's attitude (m/s²); `β` angle from room north to the
 //! board's north (rad). TDOA enter with Huber weights, gathered per step: they see the position
 //! alone, so a step's measurements are one 3-vector. Near the floor the paths of low anchors are bent
-//! (effect N17) and count little; air pressure, from the rest before the flight, then holds the
-//! height. Forward filter, then Rauch-Tung-Striebel (AIAA Journal 3, 1965) for the states alone:
+//! (effect N17) and count little; air pressure then holds the height, less what it has wandered by since the rest
+//! before the flight, as the TDOA above tell. Forward filter, then Rauch-Tung-Striebel (AIAA Journal 3, 1965) for the states alone:
 //! `x_k = x⁺_k + C_k (x_k+1 - x⁻_k+1)`, `C_k = P⁺_k Fᵀ (P⁻_k+1)⁻¹`; nobody reads the smoothed covariance.
 //! Units of noise below; valid for whatever the IMU can follow.
 
@@ -43,6 +43,9 @@ pub(super) const LOW_TAG_M: f64 = 0.65;
 const LOW_WEIGHT: f64 = 0.01;
 /// One sigma of the height by air pressure over one step, m: white part 0.15 m, and its wander.
 const STD_BARO_M: f64 = 0.4;
+/// Time in which its wander is followed where TDOA tell the height, s: long beside its noise, short beside weather and doors, which
+/// move it by half a metre in a minute.
+const AIR_S: f64 = 5.0;
 /// Points of the grid that the air pressure is averaged over, to either side: 0.5 s in all.
 const BARO_HALF_WINDOW: usize = 6;
 /// Pascal per metre of air at the ground, and samples at rest that are needed.
@@ -177,7 +180,7 @@ pub fn smooth(
         weight: vec![0.0; tdoa.len()],
     };
     let by_air_z_m = heights_by_air(trace, line, rest_z_m);
-    let mut m = 0;
+    let (mut m, mut wander_m) = (0, 0.0);
     for (k, by_air_z_m) in by_air_z_m.iter().enumerate() {
         if k > 0 {
             let P_post = P;
@@ -193,7 +196,11 @@ pub fn smooth(
             m += 1;
         }
         let weights = &mut gains.weight[first..m];
-        let found = gather(&mut x, &mut P, &tdoa[first..m], sites_E_m, *by_air_z_m, weights);
+        let by_air_z_m = by_air_z_m.map(|z_m| z_m - wander_m);
+        let found = gather(&mut x, &mut P, &tdoa[first..m], sites_E_m, by_air_z_m, weights);
+        if let Some(z_m) = by_air_z_m.filter(|_| -x[2] >= LOW_TAG_M) {
+            wander_m += (z_m - x[2]) * STEP_S / AIR_S;
+        }
         gains.gain.push(found);
         post.push(x);
     }
@@ -315,7 +322,7 @@ fn right_divide(mut M: Mat, P: &Mat) -> Option<Mat> {
     Some(M)
 }
 
-/// All TDOA of one step as one information matrix on the position.
+/// All TDOA of one step, and the height by air pressure (Earth z, m), as one information matrix on the position.
 fn gather(
     x: &mut Vec10,
     P: &mut Mat,
@@ -334,7 +341,7 @@ fn gather(
         right.z += (z_m - p0.z) * STD_BARO_M.powi(-2);
     }
     let is_low = |n: usize| -sites_E_m[n].z < LOW_ANCHOR_M;
-    let near_floor = -by_air_z_m.unwrap_or(p0.z) < LOW_TAG_M;
+    let near_floor = -p0.z < LOW_TAG_M;
     for (m, weight) in tdoa.iter().zip(weights) {
         let p = p0 + v0 * (m.share * STEP_S);
         let (h, predicted) = model(&p, &sites_E_m[m.a], &sites_E_m[m.b]);
@@ -405,7 +412,6 @@ fn backward(prior: &[Vec10], post: &[Vec10], gains: &Gains) -> Vec<Smoothed> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
     #[test]
     fn val_right_division_is_that_of_a_general_solver_and_needs_a_positive_matrix() {
         let half =
