@@ -43,7 +43,7 @@ impl Attributor {
     ) -> Attribution {
         let (settings, limits) = (&self.settings, &self.limits);
         let width = library.whitening.width();
-        let z = library.flight(statistics).z;
+        let z = library.flight(statistics);
         let fits = library.explain(&z, settings.survivors);
         let seen = seen_of(library, &z, &fits);
         let posterior = limits.calibration.posterior(&seen.evidence);

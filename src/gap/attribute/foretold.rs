@@ -52,7 +52,7 @@ mod tests {
         let (mut causes, mut others, mut flights) = (0, 0, 0);
         for effect in (0..4 * SMALL.effects).map(|k| k % SMALL.effects) {
             let theta = toy.theta(effect);
-            let z = it.library.flight(&toy.flight(&[(effect, theta)], true, false)).z;
+            let z = it.library.flight(&toy.flight(&[(effect, theta)], true, false));
             let fits = it.library.explain(&z, usize::MAX);
             let of = |right: bool| {
                 let fit = fits.iter().find(|fit| (fit.effect == effect) == right).unwrap();

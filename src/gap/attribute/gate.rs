@@ -9,52 +9,18 @@
 //! A few flights of the airframe give centres and spreads of forty effects badly, and are less far from their
 //! own than others will be: sixteen let every fifth other healthy flight raise an alarm. So spreads lean on
 //! what is usual among the effects, each flight is held against those of the others, and limits are prediction limits of
-//! that many flights. Accepted flights are often of one hour, and a flight that is judged is of another, with another load of the
-//! computer, another charge, and a start some centimetres beside the mark: it scatters more than they do among one another.
-//!
-//! ```text
-//! σ² = s² (1 + 1/n + h (k² − 1 + r))
-//! ```
-//! σ of a statistic in another flight, in its unit; s over n accepted flights; h how surely these are of one hour, 0 to 1
-//! ([`of_one_hour`]); k how much more any scatters between hours; r what worlds teach of this one beyond ([`between_hours`]).
-
-use std::collections::BTreeMap;
-use std::sync::LazyLock;
+//! that many flights, in hours that differ as other hours do (`scatter`).
 
 use serde::{Deserialize, Serialize};
 
 use super::Gate;
-use crate::flight::residuals::StatSpec;
-use crate::normal::{empirical_quantile, prediction_factor};
+use crate::normal::{empirical_quantile, median, prediction_factor};
 
 /// Least spread of an evidence over healthy flights, in log evidence.
 const LEAST_SPREAD: f64 = 0.5;
 /// Flights that the usual spread of an effect counts as, beside those that there are. Of 0, 10, 20 and 40 the one
 /// that loses least at 5 % of false alarms, on labelled flights of another world (sim/lab/PROTOCOL.md, Development).
 const USUAL_WEIGHT: f64 = 20.0;
-/// How much more healthy flights of all hours scatter than accepted ones of one hour do: what is measured scatters 1.5 to 2 times as much
-/// between laboratories as within one (Horwitz, Kamps and Boyer 1980). With what worlds teach alone, 3 of 18 healthy flights of two
-/// worlds are a gap, with this beside it none, and the farthest lies at 0.74 of its limit.
-const OTHER_HOURS: f64 = 2.0;
-/// Accepted flights that are an hour's work, and those that are surely of several: packs have to be charged between (judgement).
-const OF_ONE_HOUR: f64 = 10.0;
-const OF_SEVERAL: f64 = 20.0;
-
-/// How surely so many accepted flights are of one hour, 0 to 1.
-pub(crate) fn of_one_hour(accepted: usize) -> f64 {
-    ((OF_SEVERAL - accepted as f64) / (OF_SEVERAL - OF_ONE_HOUR)).clamp(0.0, 1.0)
-}
-
-/// Variance that another hour adds to a statistic, in variances within one: as much as makes any scatter twice as much, and what drawn worlds
-/// teach of it beyond (`haltere-lab worlds --sessions`), first of the pack.
-pub(crate) fn between_hours(of: &StatSpec) -> f64 {
-    static TAUGHT: LazyLock<BTreeMap<String, f64>> =
-        LazyLock::new(|| serde_json::from_str(include_str!("hours.json")).unwrap_or_default());
-    OTHER_HOURS.powi(2) - 1.0 + TAUGHT.get(&of.name).copied().unwrap_or(0.0)
-}
-
-/// Share of a normal distribution below one sigma.
-const ONE_SIGMA: f64 = 0.8413;
 
 /// What the gate sees of one flight.
 #[derive(Debug, Clone)]
@@ -103,10 +69,7 @@ impl Limit {
                 let most = |values: Vec<f64>| empirical_quantile(values.into_iter(), share);
                 (most(distances), most(loudest))
             }
-            Rule::Few(share, few) => {
-                let above = |values: Vec<f64>| skewed(values, share, few);
-                (above(distances), above(loudest))
-            }
+            Rule::Few(share, few) => (skewed(&distances, share, few), skewed(&loudest, share, few)),
         };
         Self { distance, effect, evidence }
     }
@@ -166,18 +129,18 @@ fn moments(values: &[f64]) -> (f64, f64) {
     (mean, values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0))
 }
 
-/// Prediction limit from the middle and the upper sigma: the largest of many reaches further up than down, and one
-/// flight far out does not set it.
-fn skewed(values: Vec<f64>, share: f64, few: usize) -> f64 {
-    let factor = prediction_factor(share, few);
-    let middle = empirical_quantile(values.iter().copied(), 0.5);
-    middle + factor * (empirical_quantile(values.into_iter(), ONE_SIGMA) - middle)
+/// Prediction limit from the median and the root mean square above it: the largest of many reaches further up than down. All of the upper
+/// half counts: a single quantile of twenty flights let a fifth of other healthy flights raise an alarm.
+fn skewed(values: &[f64], share: f64, few: usize) -> f64 {
+    let middle = median(values.iter().copied());
+    let above = || values.iter().filter(|v| **v > middle).map(|v| (v - middle).powi(2));
+    let upper = (above().sum::<f64>() / above().count().max(1) as f64).sqrt();
+    middle + prediction_factor(share, few) * upper
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flight::statistics::specs;
     use haltere_model::random::Stream;
 
     #[test]
@@ -232,16 +195,6 @@ mod tests {
         }
         let share = alarms as f64 / f64::from(flights);
         assert!(share < 0.09, "{share}");
-    }
-
-    #[test]
-    fn prop_hours_add_to_what_they_were_taught_of_and_fade_where_flights_are_of_several() {
-        assert_eq!([8, 10, 15, 20, 24].map(of_one_hour), [1.0, 1.0, 0.5, 0.0, 0.0]);
-        let more: Vec<f64> = specs().iter().map(between_hours).collect();
-        assert!(more.iter().all(|r| (3.0..100.0).contains(r)), "{more:?}");
-        // Hours differ first in the pack.
-        let of = |name: &str| specs().iter().position(|s| s.name == name).map(|j| more[j]);
-        assert!(of("battery.start") > Some(20.0), "{:?}", of("battery.start"));
     }
 
     #[test]

@@ -6,8 +6,9 @@ use rayon::prelude::*;
 use super::Settings;
 use super::evidence::{Fit, Sufficient};
 use super::linear::Noise;
+use super::scatter::Hours;
 use super::surrogate::{Law, Surrogate};
-use super::whiten::{Standard, Whitening, compress, compressed};
+use super::whiten::{Standard, Whitening, compressed};
 use crate::bank::{Bank, Draw};
 
 /// What an explanation leaves.
@@ -33,13 +34,6 @@ impl Part {
     }
 }
 
-/// A flight as the library sees it.
-#[derive(Debug, Clone)]
-pub(super) struct Flight {
-    /// Whitened.
-    pub z: DVector<f64>,
-}
-
 /// Whitening and signatures.
 #[derive(Debug, Clone)]
 pub(super) struct Library {
@@ -58,6 +52,7 @@ impl Library {
         references: &[&[f64]],
         allowed: impl Fn(usize) -> bool,
         settings: &Settings,
+        hours: Hours<'_>,
     ) -> Self {
         let teach = |rows: &'_ [Vec<f64>]| -> Vec<usize> {
             (0..rows.len()).filter(|i| part.teaches(*i)).collect()
@@ -66,19 +61,18 @@ impl Library {
             teach(&bank.seeds).into_iter().map(|i| bank.seeds[i].as_slice()).collect();
         let jitter: Vec<&[f64]> =
             teach(&bank.jitter).into_iter().map(|i| bank.jitter[i].as_slice()).collect();
-        let nulls: Vec<&[f64]> = seeds.iter().chain(&jitter).copied().collect();
         let draws = bank.effects.iter().flat_map(|e| {
             let kept = e.draws.iter().enumerate().filter(|(i, _)| part.teaches(*i));
             kept.map(|(_, d)| d.statistics.as_slice())
         });
         let standard = Standard::new(
-            &nulls,
+            [&seeds, &jitter],
             draws,
             references,
-            [&settings.resolution, &settings.sessions],
+            &settings.resolution,
+            hours,
             allowed,
         );
-        let plain = standard.clone().without_shift();
         let whitening = Whitening::new(standard, &jitter, references);
         let law = Law { form: settings.form, whitening: &whitening };
         let effects: Vec<Surrogate> = bank
@@ -87,9 +81,8 @@ impl Library {
             .map(|effect| {
                 let teaches = effect.draws.iter().enumerate().filter(|(i, _)| part.teaches(*i));
                 let kept: Vec<&Draw> = teaches.map(|(_, d)| d).collect();
-                let off = |d: &&Draw| {
-                    difference(&plain.raw(&d.statistics), &plain.raw(&bank.jitter[d.twin]))
-                };
+                let standard = &whitening.standard;
+                let off = |d: &&Draw| standard.apart(&d.statistics, &bank.jitter[d.twin]);
                 let z = whitening.apply_rows(&filled(kept.iter().map(off).collect()));
                 let thetas: Vec<&[f64]> = kept.iter().map(|d| d.theta.as_slice()).collect();
                 Surrogate::new(&effect.axes, &thetas, &z, Some(&law))
@@ -99,9 +92,8 @@ impl Library {
     }
 
     /// Standardises, compresses and whitens one flight.
-    pub fn flight(&self, statistics: &[f64]) -> Flight {
-        let raw = self.whitening.standard.raw(statistics);
-        Flight { z: self.whitening.apply(&compressed(&raw)) }
+    pub fn flight(&self, statistics: &[f64]) -> DVector<f64> {
+        self.whitening.apply(&compressed(&self.whitening.standard.raw(statistics)))
     }
 
     /// Log likelihood of "no effect".
@@ -138,11 +130,6 @@ impl Library {
         let residual = self.residual(z, fit);
         Left { squared: noise.squared(&residual), peak: noise.peak(&residual) }
     }
-}
-
-/// Compressed, what a draw differs by from its twin; NaN where either is unknown.
-fn difference(draw: &[f64], twin: &[f64]) -> Vec<f64> {
-    draw.iter().zip(twin).map(|(v, t)| compress(*v) - compress(*t)).collect()
 }
 
 /// Unknown statistics of a draw become the mean of the effect's other draws.

@@ -18,6 +18,7 @@ mod linear;
 mod open_set;
 mod pairs;
 mod rungs;
+mod scatter;
 mod surrogate;
 mod teachers;
 mod theta;
@@ -33,12 +34,12 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use self::blocks::Groups;
-pub(crate) use self::gate::{between_hours, of_one_hour};
 use self::library::{Library, Part};
 pub use self::rungs::Rungs;
+use self::scatter::LEAST_REFERENCES;
+pub(crate) use self::scatter::{between_hours, of_one_hour};
 use self::teachers::Teachers;
 use self::trials::Limits;
-use self::whiten::LEAST_REFERENCES;
 use crate::bank::{Bank, BankError};
 use crate::outcome::{Outcome, Remainder};
 use haltere_model::effects::Block;
@@ -76,7 +77,7 @@ pub struct Settings {
     pub polished: usize,
     /// Smallest difference of every statistic that says anything about the vehicle, in its unit; empty: any.
     pub resolution: Vec<f64>,
-    /// Variance that sessions add to every statistic, in variances within one; empty: none.
+    /// Variance that another hour adds to every statistic, in variances within one; empty: none.
     pub sessions: Vec<f64>,
     /// Least change of every statistic that matters, in its unit; empty: everything matters.
     pub material: Vec<f64>,
@@ -308,20 +309,12 @@ impl Attributor {
         for row in references.iter().chain(calibration) {
             length("a reference flight", row.len())?;
         }
-        if !settings.resolution.is_empty() {
-            length("resolutions", settings.resolution.len())?;
+        let Settings { resolution, sessions, material, .. } = settings;
+        let lists = [resolution, sessions, material];
+        let what = ["resolutions", "variances between sessions", "limits of what matters"];
+        for (what, list) in what.into_iter().zip(lists).filter(|(_, list)| !list.is_empty()) {
+            length(what, list.len())?;
         }
-        if !settings.sessions.is_empty() {
-            length("variances between sessions", settings.sessions.len())?;
-        }
-        if !settings.material.is_empty() {
-            length("limits of what matters", settings.material.len())?;
-        }
-        let mut settings = settings.clone();
-        // Flights of several hours show themselves what hours differ by.
-        let of_one = of_one_hour(references.len());
-        settings.sessions.iter_mut().for_each(|more| *more *= of_one);
-        let settings = &settings;
         let mut teachers = Teachers::new(bank, references, blocks, &settings.sessions);
         teachers.calibration = calibration;
         let all = Part { held_out: None };
@@ -330,7 +323,7 @@ impl Attributor {
         if library.whitening.width() == 0 {
             return Err(BankError::NothingUsable { names: expected }.into());
         }
-        let groups = teachers.groups(all, &library);
+        let groups = teachers.groups(&library);
         let limits = match learned {
             Some(Learned(limits)) => limits,
             None => trials::limits(&teachers, settings, allowed),
@@ -369,7 +362,7 @@ impl Attributor {
         let all = Part { held_out: None };
         let rows = teachers.reference_rows();
         let library = teachers.library(all, &rows, known, &self.settings);
-        let groups = teachers.groups(all, &library);
+        let groups = teachers.groups(&library);
         self.decide(&library, &groups, statistics, unknown)
     }
 

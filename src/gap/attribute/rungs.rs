@@ -37,7 +37,7 @@ impl Attributor {
     pub fn rungs(&self, statistics: &[f64], causes: &[String]) -> Rungs {
         let attribution = self.attribute(statistics);
         let library = self.library_of(statistics);
-        let z = library.flight(statistics).z;
+        let z = library.flight(statistics);
         let is_cause = |fit: &&Fit| causes.contains(&self.id(fit.effect));
         // All of them are searched: a cause may be far down.
         let fits = library.explain(&z, usize::MAX);
@@ -66,7 +66,7 @@ impl Attributor {
     /// Share of a flight's gap that an effect closes at parameters that were found on another flight.
     pub fn closed_by(&self, statistics: &[f64], id: &str, unit: &[f64]) -> Option<f64> {
         let library = self.library_of(statistics);
-        let z = library.flight(statistics).z;
+        let z = library.flight(statistics);
         let place = self.bank.effects.iter().position(|e| e.id == id)?;
         let s = library.effects.get(place)?;
         let fit = Fit { effect: place, h: s.coordinates(unit), ..Fit::default() };
@@ -78,14 +78,14 @@ impl Attributor {
         let both: Vec<f64> =
             one.iter().zip(other).map(|(a, b)| if b.is_finite() { *a } else { f64::NAN }).collect();
         let library = self.library_of(&both);
-        let off = library.flight(one).z - library.flight(other).z;
+        let off = library.flight(one) - library.flight(other);
         0.5 * off.norm_squared() / off.len().max(1) as f64
     }
 
     /// Mean square of a flight per statistic, by block.
     pub fn by_block_of(&self, statistics: &[f64]) -> BTreeMap<&'static str, f64> {
         let library = self.library_of(statistics);
-        let z = library.flight(statistics).z;
+        let z = library.flight(statistics);
         self.by_block(&library, &z)
     }
 

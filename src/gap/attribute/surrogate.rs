@@ -365,6 +365,7 @@ fn residual_noise(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::attribute::scatter::Hours;
     use crate::attribute::whiten::Standard;
     use crate::bank::axis::Size;
     use haltere_model::random::Stream;
@@ -460,7 +461,8 @@ mod tests {
         };
         let nulls: Vec<Vec<f64>> = (0..400).map(|_| null()).collect();
         let nulls: Vec<&[f64]> = nulls.iter().map(Vec::as_slice).collect();
-        let standard = Standard::new(&nulls, std::iter::empty(), &[], [&[], &[]], |_| true);
+        let standard =
+            Standard::new([&nulls, &[]], std::iter::empty(), &[], &[], Hours::default(), |_| true);
         let whitening = Whitening::new(standard, &nulls, &[]);
         // Moves the first four statistics, in proportion to θ.
         let seen = |theta: f64, off: usize, by: f64| {

@@ -3,12 +3,12 @@
 use super::Settings;
 use super::blocks::Groups;
 use super::library::{Library, Part};
-use super::whiten::{LEAST_REFERENCES, variance};
+use super::scatter::{Hours, Scatter, in_sigma};
 use crate::bank::{Bank, Draw};
 use haltere_model::effects::Block;
 use haltere_model::random::Stream;
 
-/// Bank, references and blocks, with the mean of the nominal flights.
+/// Bank, references and blocks, with what healthy flights scatter by.
 pub(super) struct Teachers<'a> {
     /// The bank.
     pub bank: &'a Bank,
@@ -16,37 +16,28 @@ pub(super) struct Teachers<'a> {
     pub references: &'a [Vec<f64>],
     /// Accepted flights that only limits come from.
     pub calibration: &'a [Vec<f64>],
+    /// What another hour than theirs may add.
+    pub hours: Hours<'a>,
     blocks: &'a [Block],
-    /// Mean of nominal flights.
-    mean: Vec<f64>,
-    /// What another session adds to every statistic, one sigma, in its unit; empty: nothing.
-    elsewhen: Vec<f64>,
+    /// Of every statistic; of one that no flight of the bank knows, nothing.
+    scatter: Vec<Scatter>,
 }
 
 impl<'a> Teachers<'a> {
-    /// Collects.
+    /// Collects. `more`: variance that another hour adds to every statistic, in variances within one, or empty.
     pub fn new(
         bank: &'a Bank,
         references: &'a [Vec<f64>],
         blocks: &'a [Block],
-        sessions: &[f64],
+        more: &'a [f64],
     ) -> Self {
-        let width = bank.names.len();
-        // Jitter is even to both sides: together they know the middle best.
-        let mean = |j: usize| {
-            let nulls = bank.seeds.iter().chain(&bank.jitter).map(|row| row[j]);
-            let known = nulls.filter(|v| v.is_finite());
-            let (sum, n) = known.fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
-            sum / n
-        };
-        let mean = (0..width).map(mean).collect();
-        let rows: Vec<&[f64]> = references.iter().map(Vec::as_slice).collect();
-        let std = |(j, ratio): (usize, &f64)| (ratio * variance(&rows, j)).sqrt();
-        let elsewhen = match references.len() >= LEAST_REFERENCES {
-            true => sessions.iter().enumerate().map(std).collect(),
-            false => Vec::new(),
-        };
-        Self { bank, references, calibration: &[], blocks, mean, elsewhen }
+        let rows = |of: &'a [Vec<f64>]| of.iter().map(Vec::as_slice).collect::<Vec<_>>();
+        let accepted = rows(references);
+        let [seeds, jitter] = [&bank.seeds, &bank.jitter].map(|flights| rows(flights));
+        let hours = Hours::of(more, references.len());
+        let of = |j: usize| Scatter::of(j, [&seeds, &jitter], &accepted, hours).unwrap_or_default();
+        let scatter = (0..bank.names.len()).map(of).collect();
+        Self { bank, references, calibration: &[], hours, blocks, scatter }
     }
 
     /// References as rows.
@@ -62,18 +53,12 @@ impl<'a> Teachers<'a> {
         allowed: impl Fn(usize) -> bool,
         settings: &Settings,
     ) -> Library {
-        Library::new(self.bank, part, references, allowed, settings)
+        Library::new(self.bank, part, references, allowed, settings, self.hours)
     }
 
-    /// Blocks, from the same part.
-    pub fn groups(&self, part: Part, library: &Library) -> Groups {
-        let rows = |rows: &'a [Vec<f64>]| -> Vec<&'a [f64]> {
-            let kept = rows.iter().enumerate().filter(|(i, _)| part.teaches(*i));
-            kept.map(|(_, r)| r.as_slice()).collect()
-        };
-        let standard = library.whitening.standard.clone();
-        let nulls = rows(&self.bank.jitter);
-        Groups::new(standard.clone(), &standard.without_shift(), &nulls, self.blocks)
+    /// Blocks by the same whitening.
+    pub fn groups(&self, library: &Library) -> Groups {
+        Groups::new(&library.whitening, self.blocks)
     }
 
     /// Flights with jitter that a part does not learn from.
@@ -82,22 +67,28 @@ impl<'a> Teachers<'a> {
         kept.map(|(_, r)| r.as_slice()).collect()
     }
 
-    /// A flight of the bank as the airframe of the reference flights would have flown it: what it
-    /// differs by from a nominal flight, by `share`, on a reference flight. Without references: as
-    /// it is.
-    pub fn placed(&self, flight: &[f64], which: usize, share: f64) -> Vec<f64> {
-        let Some(reference) = self.references.get(which % self.references.len().max(1)) else {
-            return flight.to_vec();
+    /// A flight of the bank as the airframe of the accepted flights would have flown it: as many sigma of its next flight from their
+    /// middle as it lies from that of the bank. Without accepted flights: as it is.
+    pub fn placed(&self, flight: &[f64]) -> Vec<f64> {
+        let at = |(value, scatter): (&f64, &Scatter)| match scatter.accepted {
+            Some([middle, _]) => middle + scatter.next[0] * in_sigma(*value, scatter.bank),
+            None => *value,
         };
-        let here = flight.iter().zip(reference.iter().zip(&self.mean));
-        self.elsewhen(here.map(|(v, (r, m))| r + share * (v - m)).collect(), which)
+        flight.iter().zip(&self.scatter).map(at).collect()
     }
 
-    /// A flight of the airframe as it would have been in another session, of that number.
-    pub fn elsewhen(&self, mut flight: Vec<f64>, session: usize) -> Vec<f64> {
-        let mut rng = Stream::new(session as u64, "another session");
-        flight.iter_mut().zip(&self.elsewhen).for_each(|(v, std)| *v += std * rng.normal());
-        flight
+    /// An accepted flight as it would have been in another hour, of that number: hours differ as those flights of the bank do that this
+    /// part does not learn from. Those that it learned from would look like noise that it knows.
+    pub fn elsewhen(&self, flight: &[f64], part: Part, hour: usize) -> Vec<f64> {
+        let unknown = self.held_out_nulls(part);
+        let Some(by) = unknown.get(hour % unknown.len().max(1)) else {
+            return flight.to_vec();
+        };
+        let moved = |((value, by), scatter): ((&f64, &f64), &Scatter)| {
+            let off = scatter.next[1] * in_sigma(*by, scatter.bank);
+            value + if off.is_finite() { off } else { 0.0 }
+        };
+        flight.iter().zip(*by).zip(&self.scatter).map(moved).collect()
     }
 
     /// What a draw differs by from the same flight without the effect, by another law of it: off by `law`, relative, and
@@ -108,12 +99,8 @@ impl<'a> Teachers<'a> {
         draw.statistics.iter().zip(base).map(bent).collect()
     }
 
-    /// The flight that a draw would have been without its effect. `which`: of the references.
-    pub fn without_effect(&self, draw: &Draw, which: usize) -> Vec<f64> {
-        self.placed(&self.bank.jitter[draw.twin], which, HALF)
+    /// The flight that a draw would have been without its effect.
+    pub fn without_effect(&self, draw: &Draw) -> Vec<f64> {
+        self.placed(&self.bank.jitter[draw.twin])
     }
 }
-
-/// A null flight of the bank, placed on the airframe, keeps this much of its own deviation: the
-/// airframe has its constants already.
-pub(super) const HALF: f64 = 0.5;

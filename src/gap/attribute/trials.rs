@@ -18,7 +18,6 @@ use super::gate::{Limit, Rule, Seen};
 use super::library::{Library, Part};
 use super::open_set::{Judge, features, score};
 use super::pairs;
-use super::teachers::HALF;
 use super::{Settings, Teachers};
 use crate::bank::Draw;
 use crate::normal::empirical_quantile;
@@ -88,15 +87,15 @@ struct Known {
     double: bool,
 }
 
-/// Banks with fewer flights with jitter are small: twice those of `--size small`, a third of the full ones (judgement) …
+/// Banks with fewer flights with jitter are small: twice those of `--size small`, a half of the full ones (judgement) …
 const FEW: usize = 120;
 /// … and held out in this many parts: the most in which draws stay with their twins (`make_bank::FOLDS`).
-const FOLDS_OF_FEW: usize = 12;
+const MOST_FOLDS: usize = 12;
 
 /// In how many parts a bank is held out. What judges a flight that is held out has learned less than what judges the next
 /// one: with 45 flights for 60 each of nine healthy flights was a gap by `--size small`, none of them where 55 are left to learn from.
 fn folds(settings: &Settings, flights: usize) -> usize {
-    if flights < FEW { settings.folds.max(FOLDS_OF_FEW) } else { settings.folds.max(2) }
+    if flights < FEW { settings.folds.max(MOST_FOLDS) } else { settings.folds.max(2) }
 }
 
 /// Cross-fits. `allowed`: statistics that may be used.
@@ -110,24 +109,22 @@ pub(super) fn limits(
     for fold in 0..folds {
         let part = Part { held_out: Some((fold, folds)) };
         let library = teachers.library(part, &teachers.reference_rows(), allowed, settings);
-        let groups = teachers.groups(part, &library);
+        let groups = teachers.groups(&library);
         let judged = teachers.held_out_nulls(part);
         nulls.par_extend(
-            judged.par_iter().enumerate().map(|(k, s)| {
-                null(&library, &groups, &teachers.placed(s, fold + k, HALF), settings)
-            }),
+            judged.par_iter().map(|s| null(&library, &groups, &teachers.placed(s), settings)),
         );
         let known = flights(teachers, part, settings.law);
         trials.par_extend(known.par_iter().map(|k| trial(&library, settings, k)));
     }
     // Held-out flights of the airframe itself know better than the bank.
-    let judged = match teachers.calibration {
-        [] => reference_scores(teachers, settings, allowed),
-        flights => calibration_scores(teachers, settings, allowed, flights),
-    };
-    let known = match teachers.calibration {
-        [] => teachers.references.len(),
-        flights => flights.len(),
+    let (judged, known) = match teachers.calibration {
+        [] => (reference_scores(teachers, settings, allowed), teachers.references.len()),
+        flights => {
+            let rows = teachers.reference_rows();
+            let library = teachers.library(Part { held_out: None }, &rows, allowed, settings);
+            (flights.par_iter().map(|s| seen(&library, settings, s)).collect(), flights.len())
+        }
     };
     // Two ways to raise an alarm share the allowance.
     let share = 1.0 - settings.false_alarm / 2.0;
@@ -185,27 +182,25 @@ pub(super) fn seen_of(library: &Library, z: &DVector<f64>, fits: &[Fit]) -> Seen
 }
 
 fn seen(library: &Library, settings: &Settings, statistics: &[f64]) -> Seen {
-    let z = library.flight(statistics).z;
+    let z = library.flight(statistics);
     let fits = library.explain(&z, settings.survivors);
     seen_of(library, &z, &fits)
 }
 
 fn trial(library: &Library, settings: &Settings, known: &Known) -> Trial {
-    let flight = library.flight(&known.statistics);
-    let fits = library.explain(&flight.z, settings.survivors);
+    let z = library.flight(&known.statistics);
+    let fits = library.explain(&z, settings.survivors);
     let width = library.whitening.width();
     let best = fits.first();
-    let whole = flight.z.norm_squared();
-    let leaves = |f: &Fit| features(library.left(&flight.z, f), whole, width);
+    let whole = z.norm_squared();
+    let leaves = |f: &Fit| features(library.left(&z, f), whole, width);
     let single = best.map_or([0.0; 4], leaves);
     let without = fits.iter().find(|f| f.effect != known.effect).filter(|_| !known.double);
     let top = best.map_or(f64::NEG_INFINITY, |f| f.log_z);
-    let pair = known
-        .search
-        .then(|| pairs::search(library, &flight.z, &fits, TRIAL_POLISHED))
-        .and_then(|p| {
+    let pair =
+        known.search.then(|| pairs::search(library, &z, &fits, TRIAL_POLISHED)).and_then(|p| {
             let first = p.first()?;
-            let gain = pairs::relative(first.log_z - top, top - Library::null(&flight.z));
+            let gain = pairs::relative(first.log_z - top, top - Library::null(&z));
             Some((gain, features(first.left, whole, width)))
         });
     let right = fits.iter().find(|f| f.effect == known.effect && !f.points.is_empty());
@@ -224,7 +219,7 @@ fn trial(library: &Library, settings: &Settings, known: &Known) -> Trial {
             .collect(),
         _ => Vec::new(),
     };
-    let seen = seen_of(library, &flight.z, &fits);
+    let seen = seen_of(library, &z, &fits);
     Trial {
         judged: Judged { evidence: seen.evidence.clone(), truth: known.effect },
         seen,
@@ -253,12 +248,9 @@ fn by_effect(fits: &[Fit]) -> Vec<f64> {
 /// explained so well that the judge would call every other vehicle's effect unknown.
 fn flights(teachers: &Teachers<'_>, part: Part, law: f64) -> Vec<Known> {
     let folds = part.held_out.map_or(1, |(_, folds)| folds);
-    let mut next = 0;
     let mut rng = Stream::new(part.held_out.map_or(0, |(fold, _)| fold as u64), "another law");
     let mut flown = |draws: &[&Draw]| -> Vec<f64> {
-        next += 1;
-        let mut flight =
-            draws.first().map_or_else(Vec::new, |draw| teachers.without_effect(draw, next));
+        let mut flight = draws.first().map_or_else(Vec::new, |draw| teachers.without_effect(draw));
         for draw in draws {
             let effect = teachers.effect(draw, law, &mut rng);
             flight.iter_mut().zip(effect).for_each(|(v, off)| *v += off);
@@ -311,19 +303,8 @@ const STRIDE: usize = 37;
 /// Fewer judged flights of the airframe give no limit.
 const LEAST_JUDGED: usize = 8;
 
-/// Accepted flights that are kept for limits alone.
-fn calibration_scores(
-    teachers: &Teachers<'_>,
-    settings: &Settings,
-    allowed: impl Fn(usize) -> bool + Copy + Sync,
-    flights: &[Vec<f64>],
-) -> Vec<Seen> {
-    let all = Part { held_out: None };
-    let library = teachers.library(all, &teachers.reference_rows(), allowed, settings);
-    flights.par_iter().map(|s| seen(&library, settings, s)).collect()
-}
-
-/// Reference flights, each fold judged with the others as reference.
+/// Reference flights, each fold judged with the others as reference, in hours that the bank did not teach: in those that it did the limit
+/// let 17 of 93 healthy flights of another simulator raise an alarm, and so 4.
 fn reference_scores(
     teachers: &Teachers<'_>,
     settings: &Settings,
@@ -336,16 +317,13 @@ fn reference_scores(
             let rows = teachers.references.iter().enumerate();
             rows.filter(|(i, _)| (i % folds == fold) == held).map(|(_, r)| r.as_slice()).collect()
         };
-        let all = Part { held_out: None };
-        let library = teachers.library(all, &side(false), allowed, settings);
+        let part = Part { held_out: Some((fold, MOST_FOLDS)) };
+        let library = teachers.library(part, &side(false), allowed, settings);
         // Flights of several hours are judged as they are.
-        let is_one_hour = settings.sessions.iter().any(|more| *more > 0.0);
-        let turns = if is_one_hour { REFERENCE_FOLDS } else { 1 };
+        let turns = if teachers.hours.one > 0.0 { REFERENCE_FOLDS } else { 1 };
         let held: Vec<Vec<f64>> = (0..turns)
             .flat_map(|turn| side(true).into_iter().enumerate().map(move |(k, row)| (turn, k, row)))
-            .map(|(turn, k, row)| {
-                teachers.elsewhen(row.to_vec(), turn + turns * (fold + folds * k))
-            })
+            .map(|(turn, k, row)| teachers.elsewhen(row, part, turn + turns * k))
             .collect();
         found.par_extend(held.par_iter().map(|s| seen(&library, settings, s)));
     }

@@ -1,17 +1,16 @@
-//! From statistics with units to whitened numbers: robust centre and scale per statistic, a
-//! compression of extreme values, and the covariance of null flights (seeds and benign jitter).
+//! From statistics with units to whitened numbers: middle and scale per statistic, a compression of extreme values, and the
+//! covariance of healthy flights.
 //!
-//! `x = (s - c - shift) / w`, `u = k asinh(x / k)`, `z = W u`. Compressed, an effect a thousand
+//! `x = (s - m) / w`, `u = k asinh(x / k)`, `z = W u`. Compressed, an effect a thousand
 //! sigma large weighs some forty; a 10 % error of its size stays below one sigma and cannot outvote
-//! all other statistics. `c`, `w`: median and robust sigma of the null flights. With reference flights
-//! of the airframe `shift` is what their median differs by, and their variance adds to `w²` and to
-//! the covariance: a number that wanders on healthy flights of this airframe says nothing. So does the
-//! resolution of a statistic: what the recording computer adds, which a simulator does not.
+//! all other statistics. `m`, `w`: middle and sigma of the next healthy flight ([`Scatter`]), and the resolution of a statistic: what the
+//! recording computer adds, which a simulator does not. How statistics go together is taken from the bank's flights with jitter and from
+//! accepted ones, each in sigma of their own kind.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::linear::{matrix, shrunk_covariance, whitener};
-use crate::normal::median;
+use super::scatter::{Hours, Scatter, in_sigma, spread};
 
 /// Sigma at which compression sets in.
 const KNEE: f64 = 8.0;
@@ -19,15 +18,6 @@ const KNEE: f64 = 8.0;
 const LARGEST: f64 = 1e5;
 /// A statistic unknown in more than this share of null flights is not used.
 const MOST_UNKNOWN: f64 = 0.2;
-/// Sigma of a normal variable per median absolute deviation, 1/Φ⁻¹(3/4).
-const SIGMA_PER_MAD: f64 = 1.4826;
-/// A robust sigma below this share of the plain one is that of a variable that is mostly constant.
-const LEAST_ROBUST_SHARE: f64 = 0.3;
-/// Fewer reference flights say nothing about a centre and a scatter.
-pub(super) const LEAST_REFERENCES: usize = 4;
-/// Weight of "no correlation" on the covariance of reference flights: there are far fewer of them
-/// than statistics.
-const REFERENCE_SHRINKAGE: f64 = 0.7;
 
 /// `k asinh(x/k)`.
 pub(super) fn compress(x: f64) -> f64 {
@@ -39,70 +29,55 @@ pub(super) fn expand(u: f64) -> f64 {
     KNEE * (u / KNEE).sinh().clamp(-LARGEST, LARGEST)
 }
 
-/// Centre and scale of the statistics in use.
+/// Middle and scale of the statistics in use.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Standard {
     /// Places of the statistics in use.
     pub columns: Vec<usize>,
-    centre: Vec<f64>,
+    scatter: Vec<Scatter>,
+    middle: Vec<f64>,
     scale: Vec<f64>,
-    /// What reference flights move the centre by.
-    shift: Vec<f64>,
     /// Share of the resolution in the square of the scale.
     unresolved: Vec<f64>,
-    /// Variance that sessions add, in variances of the references.
-    sessions: Vec<f64>,
 }
 
 impl Standard {
-    /// From null flights; `effects` only give a scale to statistics that never vary in a null
-    /// flight. `resolution` and variance between `sessions`: of every statistic, or empty. `allowed`: which statistics may be used.
+    /// From flights of the bank without an effect, `[of one vehicle, with other benign constants]`, and accepted flights; `effects`
+    /// only give a scale to statistics that never vary. `resolution`: of every statistic, or empty. `allowed`: which statistics may be used.
     pub fn new<'a>(
-        nulls: &[&'a [f64]],
+        nulls: [&[&'a [f64]]; 2],
         effects: impl Iterator<Item = &'a [f64]> + Clone,
-        references: &[&[f64]],
-        [resolution, sessions]: [&[f64]; 2],
+        accepted: &[&[f64]],
+        resolution: &[f64],
+        hours: Hours<'_>,
         allowed: impl Fn(usize) -> bool,
     ) -> Self {
-        let width = nulls.first().map_or(0, |r| r.len());
+        let all = || nulls.into_iter().flatten();
+        let (count, width) = (all().count(), all().next().map_or(0, |row| row.len()));
         let mut standard = Self::default();
         for j in (0..width).filter(|j| allowed(*j)) {
-            let known: Vec<f64> = nulls.iter().map(|r| r[j]).filter(|v| v.is_finite()).collect();
-            let unknown = nulls.len() - known.len();
-            if known.is_empty() || unknown as f64 > MOST_UNKNOWN * nulls.len() as f64 {
+            let unknown = all().filter(|row| !row[j].is_finite()).count();
+            if unknown as f64 > MOST_UNKNOWN * count as f64 {
                 continue;
             }
-            let centre = median(known.iter().copied());
-            let mut scale = spread(&known, centre);
-            if scale <= f64::EPSILON * centre.abs() {
+            let Some(scatter) = Scatter::of(j, nulls, accepted, hours) else { continue };
+            let [mut sigma, _] = scatter.next;
+            let [centre, _] = scatter.bank;
+            if sigma <= f64::EPSILON * centre.abs() {
                 let away: Vec<f64> =
                     effects.clone().map(|r| r[j]).filter(|v| v.is_finite()).collect();
-                // Never moved in a null flight: an effect that moves it counts as some sigma.
-                scale = spread(&away, centre) / KNEE;
+                // Never moved in a healthy flight: an effect that moves it counts as some sigma.
+                sigma = spread(&away, centre) / KNEE;
             }
             let resolution = resolution.get(j).copied().unwrap_or(0.0);
-            scale = scale.hypot(resolution);
-            let accepted: Vec<f64> =
-                references.iter().map(|r| r[j]).filter(|v| v.is_finite()).collect();
-            let mut shift = 0.0;
-            let more = sessions.get(j).copied().unwrap_or(0.0);
-            if accepted.len() >= LEAST_REFERENCES {
-                let middle = median(accepted.iter().copied());
-                let n = accepted.len() as f64;
-                // Plain and not robust: what an accepted flight does now and then is no gap.
-                let variance =
-                    accepted.iter().map(|v| (v - middle).powi(2)).sum::<f64>() / (n - 1.0);
-                shift = middle - centre;
-                scale = (scale.powi(2) + variance * (1.0 + 1.0 / n + more)).sqrt();
-            }
+            let scale = sigma.hypot(resolution);
             if scale.is_finite() && scale > f64::EPSILON * centre.abs() && scale > f64::MIN_POSITIVE
             {
                 standard.columns.push(j);
-                standard.centre.push(centre);
+                standard.scatter.push(scatter);
+                standard.middle.push(scatter.accepted.map_or(centre, |[middle, _]| middle));
                 standard.scale.push(scale);
-                standard.shift.push(shift);
                 standard.unresolved.push((resolution / scale).powi(2));
-                standard.sessions.push(more);
             }
         }
         standard
@@ -110,86 +85,74 @@ impl Standard {
 
     /// Standardised, NaN where unknown.
     pub fn raw(&self, statistics: &[f64]) -> Vec<f64> {
+        self.each(statistics, |k, value| (value - self.middle[k]) / self.scale[k])
+    }
+
+    /// What a flight of the bank differs by from its twin, compressed; NaN where either is unknown.
+    pub fn apart(&self, flight: &[f64], twin: &[f64]) -> Vec<f64> {
+        let apart = |k: usize, value| {
+            let twin = twin.get(self.columns[k]).copied().unwrap_or(f64::NAN);
+            (value - twin) / self.scale[k]
+        };
+        self.each(flight, apart).into_iter().map(compress).collect()
+    }
+
+    /// What `of` makes of every statistic in use, within what is still a number.
+    fn each(&self, statistics: &[f64], of: impl Fn(usize, f64) -> f64) -> Vec<f64> {
         let at = |k: usize| {
-            let value = statistics.get(self.columns[k]).copied().unwrap_or(f64::NAN);
-            let x = (value - self.centre[k] - self.shift[k]) / self.scale[k];
+            let x = of(k, statistics.get(self.columns[k]).copied().unwrap_or(f64::NAN));
             if x.is_nan() { x } else { x.clamp(-LARGEST, LARGEST) }
         };
         (0..self.columns.len()).map(at).collect()
     }
 
-    /// Variance of the resolution, in units of the scale.
-    pub fn unresolved(&self, k: usize) -> f64 {
-        self.unresolved[k]
-    }
-
-    /// Sigma of a null flight, in units of the statistic.
+    /// Sigma of the next healthy flight, in units of the statistic.
     pub fn scale(&self, k: usize) -> f64 {
         self.scale[k]
     }
 
-    /// Centred on the bank again.
-    pub fn without_shift(mut self) -> Self {
-        self.shift.fill(0.0);
-        self
+    /// Covariance of healthy flights in units of the scale: `nulls` and `accepted` say how statistics go together.
+    fn covariance(&self, nulls: &[&[f64]], accepted: &[&[f64]]) -> DMatrix<f64> {
+        let of_bank =
+            |row: &&[f64]| self.each(row, |k, value| in_sigma(value, self.scatter[k].bank));
+        let of_airframe = |row: &&[f64]| {
+            self.each(row, |k, value| {
+                self.scatter[k].accepted.map_or(0.0, |about| in_sigma(value, about))
+            })
+        };
+        let rows = nulls.iter().map(of_bank).chain(accepted.iter().map(of_airframe));
+        let rows: Vec<Vec<f64>> = rows.map(|row| compressed(&row)).collect();
+        let (mut covariance, _) = shrunk_covariance(&matrix(&rows, self.columns.len()));
+        let own = |k: usize| 1.0 - self.unresolved[k];
+        for i in 0..self.columns.len() {
+            for j in 0..self.columns.len() {
+                covariance[(i, j)] *= (own(i) * own(j)).sqrt();
+            }
+            // No statistic is quieter than its scale says, and one with heavy tails is louder.
+            covariance[(i, i)] = covariance[(i, i)].max(own(i)) + self.unresolved[i];
+        }
+        covariance
     }
-}
-
-/// Variance of a statistic over the flights that know it.
-pub(super) fn variance(rows: &[&[f64]], j: usize) -> f64 {
-    let known: Vec<f64> = rows.iter().map(|row| row[j]).filter(|v| v.is_finite()).collect();
-    let n = known.len() as f64;
-    let mean = known.iter().sum::<f64>() / n.max(1.0);
-    known.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0)
-}
-
-/// Robust sigma about `centre`; the plain one for variables that are mostly constant.
-fn spread(values: &[f64], centre: f64) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let off: Vec<f64> = values.iter().map(|v| (v - centre).abs()).collect();
-    let plain = (off.iter().map(|v| v * v).sum::<f64>() / off.len() as f64).sqrt();
-    let robust = SIGMA_PER_MAD * median(off);
-    if robust >= LEAST_ROBUST_SHARE * plain { robust } else { plain }
 }
 
 /// Compressed and whitened statistics.
 #[derive(Debug, Clone)]
 pub(super) struct Whitening {
-    /// Centre and scale.
+    /// Middle and scale.
     pub standard: Standard,
+    /// Of healthy flights, in units of the scale.
+    pub covariance: DMatrix<f64>,
     w: DMatrix<f64>,
     /// Its inverse.
     back: DMatrix<f64>,
 }
 
 impl Whitening {
-    /// `nulls`: rows that give the covariance (jitter, which contains the noise of seeds), as the bank
-    /// has them; `references`: accepted flights, whose scatter adds to it.
-    pub fn new(standard: Standard, nulls: &[&[f64]], references: &[&[f64]]) -> Self {
-        let width = standard.columns.len();
-        let plain = standard.clone().without_shift();
-        let rows: Vec<Vec<f64>> = nulls.iter().map(|r| compressed(&plain.raw(r))).collect();
-        let (mut covariance, _) = shrunk_covariance(&matrix(&rows, width));
-        if references.len() >= LEAST_REFERENCES {
-            let rows: Vec<Vec<f64>> =
-                references.iter().map(|r| compressed(&standard.raw(r))).collect();
-            let (scatter, _) = shrunk_covariance(&matrix(&rows, width));
-            for i in 0..width {
-                for j in 0..width {
-                    let keep =
-                        if i == j { 1.0 + standard.sessions[i] } else { 1.0 - REFERENCE_SHRINKAGE };
-                    covariance[(i, j)] += keep * scatter[(i, j)];
-                }
-            }
-        }
-        for k in 0..width {
-            covariance[(k, k)] += standard.unresolved(k);
-            covariance[(k, k)] = covariance[(k, k)].max(LEAST_VARIANCE);
-        }
+    /// `nulls`: rows of the bank that say how statistics go together (jitter, which contains the noise of seeds); `accepted` say it too.
+    pub fn new(standard: Standard, nulls: &[&[f64]], accepted: &[&[f64]]) -> Self {
+        let covariance = standard.covariance(nulls, accepted);
         let [w, back] = whitener(&covariance);
-        Self { standard, w, back }
+        Self { standard, covariance, w, back }
     }
 
     /// Number of statistics in use.
@@ -223,9 +186,6 @@ impl Whitening {
     }
 }
 
-/// Least variance of a standardised statistic: one that never varies in a null flight.
-const LEAST_VARIANCE: f64 = 1e-2;
-
 /// Compressed; unknown becomes "as in a null flight".
 pub(super) fn compressed(raw: &[f64]) -> Vec<f64> {
     raw.iter().map(|x| if x.is_finite() { compress(*x) } else { 0.0 }).collect()
@@ -234,6 +194,42 @@ pub(super) fn compressed(raw: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use haltere_model::random::Stream;
+
+    fn rows(of: &[Vec<f64>]) -> Vec<&[f64]> {
+        of.iter().map(Vec::as_slice).collect()
+    }
+
+    /// Statistics that go together in the bank do so on the airframe, whose own flights are too few to show it.
+    #[test]
+    fn prop_healthy_flights_of_the_airframe_are_white() {
+        let mut rng = Stream::new(5, "white");
+        let (width, airframes) = (40, 40);
+        let mut flights = |count: usize, sigma: f64, from: f64| -> Vec<Vec<f64>> {
+            let mut one = || {
+                let common = rng.normal();
+                let own = |rng: &mut Stream| from + sigma * (common + 0.5 * rng.normal());
+                (0..width).map(|_| own(&mut rng)).collect()
+            };
+            (0..count).map(|_| one()).collect()
+        };
+        let bank = flights(60, 1.0, 0.0);
+        let nulls = rows(&bank);
+        let mut mean = 0.0;
+        for _ in 0..airframes {
+            let (accepted, next) = (flights(10, 1.0, 7.0), flights(10, 1.0, 7.0));
+            let accepted = rows(&accepted);
+            let none = std::iter::empty::<&[f64]>();
+            let standard =
+                Standard::new([&nulls, &[]], none, &accepted, &[], Hours::default(), |_| true);
+            let whitening = Whitening::new(standard, &nulls, &accepted);
+            let square = |flight: &Vec<f64>| {
+                whitening.apply(&compressed(&whitening.standard.raw(flight))).norm_squared()
+            };
+            mean += next.iter().map(square).sum::<f64>() / f64::from(10 * width * airframes);
+        }
+        assert!((0.8..1.25).contains(&mean), "{mean}");
+    }
 
     #[test]
     fn prop_what_a_computer_cannot_resolve_is_no_gap_in_any_view() {
@@ -242,7 +238,14 @@ mod tests {
         let nulls: Vec<&[f64]> = nulls.iter().map(Vec::as_slice).collect();
         let none = std::iter::empty::<&[f64]>();
         let seen = |resolution: &[f64], off: f64| {
-            let standard = Standard::new(&nulls, none.clone(), &[], [resolution, &[]], |_| true);
+            let standard = Standard::new(
+                [&nulls, &[]],
+                none.clone(),
+                &[],
+                resolution,
+                Hours::default(),
+                |_| true,
+            );
             let raw = compressed(&standard.raw(&[off]));
             Whitening::new(standard, &nulls, &[]).apply(&raw)[0]
         };

@@ -99,14 +99,15 @@ fn closes(d: &Diagnosis, s: &ShrinkResult) -> Option<String> {
 }
 
 /// Where the gap is by the residuals of each block alone, whatever its cause: the block that stands out most, unless an
-/// effect that is named is one of its own.
+/// effect that is named is one of its own, or leaves nothing of the gap.
 fn elsewhere(d: &Diagnosis) -> Option<String> {
     let causes = d.places.iter().filter(|p| p.part == Part::Cause && p.score >= LOUD_SIGMA);
     let loudest = causes.max_by(|a, b| a.score.total_cmp(&b.score))?;
     let own = |e: &Effect| find(&e.id).is_some_and(|spec| spec.block.name() == loudest.block);
+    let leaves_nothing = d.explained.as_ref().is_some_and(|it| it.left.share <= 0.0);
     let lies = match d.effects.len() {
         0 => "the gap lies in",
-        _ if d.effects.iter().any(own) => return None,
+        _ if leaves_nothing || d.effects.iter().any(own) => return None,
         _ => "the gap lies rather in",
     };
     Some(format!(
@@ -218,13 +219,18 @@ mod tests {
                 part: Part::Cause,
                 probability: 0.0,
             }];
-            in_words(&Diagnosis { places, ..diagnosis(outcome, effects) })
+            Diagnosis { places, ..diagnosis(outcome, effects) }
         };
+        let mut whole =
+            said(Ending::Named, &[("P1", 0.999, "Thrust is 10 % lower.")], "battery", 5.0);
+        whole.explained.as_mut().unwrap().left.share = 0.0;
+        let said = |outcome, effects, block, score| in_words(&said(outcome, effects, block, score));
         let alone = "By the residuals alone, without regard to causes, the gap lies";
         let one = &[("P1", 0.999, "Thrust is 10 % lower.")][..];
         let other = said(Ending::Named, one, "battery", 5.0);
         assert!(other.contains(&format!("28 %. {alone} rather in the battery. Sure")), "{other}");
         assert!(!said(Ending::Named, one, "thrust", 5.0).contains(alone));
+        assert!(!in_words(&whole).contains(alone), "what leaves nothing explains the battery too");
         assert!(!said(Ending::Named, one, "battery", 2.0).contains(alone));
         let unknown = said(Ending::NotInLibrary, &[], "uwb", 5.0);
         assert!(
