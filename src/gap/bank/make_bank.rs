@@ -30,7 +30,7 @@ pub struct BankSize {
 }
 
 impl BankSize {
-    /// For a first look: a quarter of the flights.
+    /// For a first look: half of the flights.
     pub const SMALL: Self = Self { seeds: 20, jitter: 60, draws: 10 };
 
     /// Flights of this effect. A place in the room and one of six anchors take more of them to learn than a loss of thrust, so
@@ -49,11 +49,10 @@ impl BankSize {
 }
 
 impl Default for BankSize {
-    /// Some 2100 flights with the standard library: GAP.md 2.8 allows three minutes on two cores. What fewer and more of them are
-    /// worth, and how long they take: sim/lab/RUNS.md, runs 32 to 40. GAP.md asks for 200 seeds (2.3): flights with
-    /// jitter are what limits rest on, and 24 seeds serve as well as 120.
+    /// Some 1150 flights with the standard library; 2100 of them name no more (sim/lab/RUNS.md, run 57). Limits rest on flights with
+    /// jitter, and 24 seeds serve as well as 120.
     fn default() -> Self {
-        Self { seeds: 24, jitter: 360, draws: 36 }
+        Self { seeds: 24, jitter: 240, draws: 18 }
     }
 }
 
