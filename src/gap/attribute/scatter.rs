@@ -3,11 +3,11 @@
 //! Accepted flights are few and often of one hour, and a flight that is judged is of another, with another charge, another load of
 //! the computer, a start some centimetres beside the mark and trims that were set anew. Within an hour their own scatter counts, and that of the
 //! bank's flights of one vehicle as of some flights more: both are the same scatter, and their sum made noise twice as wide as it is. What
-//! another hour adds is taught by worlds that were drawn, and is at least what the benign constants of a vehicle do in the bank, which accepted
-//! flights of one hour share.
+//! another hour adds is taught by worlds that were drawn. No healthy flight scatters less than the benign constants of a vehicle make
+//! it do in the bank: accepted flights share theirs.
 //!
 //! ```text
-//! σ² = w (1 + 1/n) + h max(r w, s_j² - s_s²),   w = ν/(ν - 2) (ν₀ s_s² + (n - 1) s²)/ν,   ν = ν₀ + n - 1
+//! σ² = w (1 + 1/n) + max(h r w, s_j² - w, 0),   w = ν/(ν - 2) (ν₀ s_s² + (n - 1) s²)/ν,   ν = ν₀ + n - 1
 //! ```
 //! σ of a statistic in another flight, in its unit (variance of Student's predictive distribution); s over n accepted flights; s_s over
 //! the bank's flights of one vehicle, which count as ν₀, and s_j over those whose constants are drawn; h how surely the accepted ones are
@@ -109,9 +109,8 @@ impl Scatter {
         let freedom = BANK_COUNT + n - 1.0;
         let variance = (BANK_COUNT * one_vehicle.powi(2) + squares) / freedom;
         let within = freedom / (freedom - 2.0) * variance;
-        let constants = (with_constants.powi(2) - one_vehicle.powi(2)).max(0.0);
-        let taught = hours.more.get(j).copied().unwrap_or(0.0) * within;
-        let hours = hours.one * taught.max(constants);
+        let taught = hours.one * hours.more.get(j).copied().unwrap_or(0.0) * within;
+        let hours = taught.max(with_constants.powi(2) - within).max(0.0);
         let next = within * (1.0 + 1.0 / n) + hours;
         Some(Self {
             bank,
