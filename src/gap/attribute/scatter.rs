@@ -69,7 +69,7 @@ pub(super) struct Scatter {
     pub bank: [f64; 2],
     /// Median of accepted flights, and the sigma of one among them; `None`: too few know it.
     pub accepted: Option<[f64; 2]>,
-    /// Sigma of the next flight of the airframe, and what of it another hour adds. Without accepted flights it is one of the bank.
+    /// Sigma of the next flight of the airframe, and what of it another hour or other constants add. Without accepted flights it is one of the bank.
     pub next: [f64; 2],
 }
 

@@ -77,8 +77,8 @@ impl<'a> Teachers<'a> {
         flight.iter().zip(&self.scatter).map(at).collect()
     }
 
-    /// An accepted flight as it would have been in another hour, of that number: hours differ as those flights of the bank do that this
-    /// part does not learn from. Those that it learned from would look like noise that it knows.
+    /// An accepted flight as it would have been in another hour and with other constants, of that number: these differ as those flights of
+    /// the bank do that this part does not learn from. Those that it learned from would look like noise that it knows.
     pub fn elsewhen(&self, flight: &[f64], part: Part, hour: usize) -> Vec<f64> {
         let unknown = self.held_out_nulls(part);
         let Some(by) = unknown.get(hour % unknown.len().max(1)) else {

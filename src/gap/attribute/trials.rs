@@ -319,7 +319,7 @@ fn reference_scores(
         };
         let part = Part { held_out: Some((fold, MOST_FOLDS)) };
         let library = teachers.library(part, &side(false), allowed, settings);
-        // Flights of several hours are judged as they are.
+        // Flights of several hours are moved once, by the constants that they share.
         let turns = if teachers.hours.one > 0.0 { REFERENCE_FOLDS } else { 1 };
         let held: Vec<Vec<f64>> = (0..turns)
             .flat_map(|turn| side(true).into_iter().enumerate().map(move |(k, row)| (turn, k, row)))

@@ -43,8 +43,8 @@ pub(super) const LOW_TAG_M: f64 = 0.65;
 const LOW_WEIGHT: f64 = 0.01;
 /// One sigma of the height by air pressure over one step, m: white part 0.15 m, and its wander.
 const STD_BARO_M: f64 = 0.4;
-/// Time in which its wander is followed where TDOA tell the height, s: long beside its noise, short beside weather and doors, which
-/// move it by half a metre in a minute.
+/// Time T in which its wander is followed where TDOA tell the height, s: `w' = (z_air - w - z)/T`, Earth z, m. Long beside its noise,
+/// short beside weather and doors, which move it by half a metre in a minute (judgement).
 const AIR_S: f64 = 5.0;
 /// Points of the grid that the air pressure is averaged over, to either side: 0.5 s in all.
 const BARO_HALF_WINDOW: usize = 6;
@@ -412,6 +412,7 @@ fn backward(prior: &[Vec10], post: &[Vec10], gains: &Gains) -> Vec<Smoothed> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
     #[test]
     fn val_right_division_is_that_of_a_general_solver_and_needs_a_positive_matrix() {
         let half =
