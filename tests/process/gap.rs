@@ -98,10 +98,10 @@ fn val_a_gap_is_diagnosed_advised_shrunk_accepted_and_undone() {
     diagnose(dir, &["worn.mcap", "--truth"]).refused(&["worn.mcap", "holds no truth"]);
     diagnose(dir, &["worn.mcap", "--truth", "r.json"]).refused(&["r.json", "line 1"]);
 
-    // Another nominal vehicle is another simulator.
+    // Another nominal vehicle is another simulator. That no single constant of it closes the gap of two causes is an answer too.
     fs::write(dir.join("heavy.toml"), "[body]\nmass_kg = 0.108\n").unwrap();
     let heavy = diagnose(dir, &["worn.mcap", "--vehicle", "heavy.toml", "--report", "h.html"]);
-    assert!(matches!(heavy.code, Some(10..=15)), "{heavy:?}");
+    assert!(matches!(heavy.code, Some(10..=15 | 20)), "{heavy:?}");
     let other = json(&dir.join("h.json"));
     assert_ne!(other["bank"], report["bank"]);
     fs::write(dir.join("lead.toml"), "[body]\nmass_kg = 102.0\n").unwrap();
