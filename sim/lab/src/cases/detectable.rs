@@ -65,10 +65,6 @@ pub struct Options {
     /// tell at all (`sim/lab/peers/oracle.py`).
     #[arg(long, value_name = "FILE", conflicts_with = "out")]
     labelled: Option<PathBuf>,
-    /// Writes a bank of the generator's own flights instead, as large as the diagnosis' own: `haltere gap attribute` with it says
-    /// what the diagnosis would know if its library held the other world's laws. No user has that.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["out", "labelled"])]
-    bank: Option<PathBuf>,
     /// Keeps the logs of the labelled flights in this folder, some 10 MB each: `haltere gap observe` says other statistics of
     /// them.
     #[arg(long, value_name = "DIR", requires = "labelled")]
@@ -138,10 +134,6 @@ pub fn run(options: &Options) -> Result<bool> {
     let bench = Bench { scene: &scene, folder, keep: options.logs.is_some(), seed: options.seed };
     if let Some(path) = &options.labelled {
         labelled::write(&bench, options, path)?;
-        return Ok(true);
-    }
-    if let Some(path) = &options.bank {
-        bank::write(&bench, path)?;
         return Ok(true);
     }
     let (scale, line) = bench.healthy(options.healthy)?;
@@ -337,7 +329,6 @@ impl Bench<'_> {
     }
 }
 
-mod bank;
 mod labelled;
 #[cfg(test)]
 mod tests;

@@ -169,8 +169,17 @@ impl Flyable {
 
     /// Flies one; `Err`: why it cannot be judged.
     pub fn fly(&self, job: &Job) -> Result<Trace> {
+        self.with(job, job.drawn.clone())
+    }
+
+    /// The same flight without what is the matter.
+    pub fn fly_healthy(&self, job: &Job) -> Result<Trace> {
+        self.with(job, Drawn { hall: job.drawn.hall, ..Drawn::default() })
+    }
+
+    fn with(&self, job: &Job, drawn: Drawn) -> Result<Trace> {
         let at = self.world.session(job.session);
-        flown(&self.world, &self.scene, &self.items, &at, job.seed, job.drawn.clone())
+        flown(&self.world, &self.scene, &self.items, &at, job.seed, drawn)
     }
 }
 

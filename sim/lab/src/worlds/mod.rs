@@ -60,6 +60,9 @@ pub struct Options {
     /// Flies the healthy sessions only, without commissioning or a bank, and writes what statistics vary by between sessions.
     #[arg(long, value_name = "FILE", conflicts_with = "pages")]
     sessions: Option<PathBuf>,
+    /// Flies effects beside the same flights without them, likewise, and writes what they did.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["pages", "sessions"])]
+    laws: Option<PathBuf>,
     /// Says every verdict.
     #[arg(long)]
     verdicts: bool,
@@ -141,9 +144,13 @@ pub fn run(options: &Options) -> Result<bool> {
         print(&format!("{}\n", digest()))?;
         return Ok(true);
     }
+    let seeds: Vec<u64> = places.iter().map(|place| place.seed).collect();
     if let Some(file) = &options.sessions {
-        let seeds: Vec<u64> = places.iter().map(|place| place.seed).collect();
         learn::sessions(&seeds, file)?;
+        return Ok(true);
+    }
+    if let Some(file) = &options.laws {
+        learn::laws(&seeds, file)?;
         return Ok(true);
     }
     if places.is_empty() {
