@@ -284,7 +284,7 @@ mod tests {
             &[Axis { low: -1.0, high: 1.0, choice: false, size: Some(Size::From(0.0)) }],
             &refs,
             &z,
-            None,
+            &DMatrix::zeros(0, p),
         );
         let mut rng = Stream::new(9, "evidence");
         let noise = DVector::from_fn(p, |_, _| rng.normal());

@@ -81,7 +81,8 @@ mod tests {
                 let along =
                     DVector::from_fn(p, |j, _| if j == 7 { 16.0 } else { 0.1 * rng.normal() });
                 let z = DMatrix::from_fn(41, p, |i, j| along[j] * thetas[i][0]);
-                let effect = Surrogate::new(std::slice::from_ref(&axis), &refs, &z, None);
+                let none = DMatrix::zeros(0, p);
+                let effect = Surrogate::new(std::slice::from_ref(&axis), &refs, &z, &none);
                 let flight = &along * 0.6 + DVector::from_fn(p, |_, _| rng.normal());
                 foretold(&effect, &flight)
             })

@@ -5,10 +5,11 @@ use rayon::prelude::*;
 
 use super::Settings;
 use super::evidence::{Fit, Sufficient};
+use super::laws;
 use super::linear::Noise;
 use super::scatter::Hours;
-use super::surrogate::{Law, Surrogate};
-use super::whiten::{Standard, Whitening, compressed};
+use super::surrogate::Surrogate;
+use super::whiten::{Standard, Whitening};
 use crate::bank::{Bank, Draw};
 
 /// What an explanation leaves.
@@ -44,16 +45,15 @@ pub(super) struct Library {
 }
 
 impl Library {
-    /// Learns. `allowed`: statistics that may be used, by place. Of `settings`: `form`, what another law of an effect may
-    /// differ by.
-    pub fn new(
+    /// Learns how healthy flights scatter. `allowed`: statistics that may be used, by place.
+    pub fn whitening(
         bank: &Bank,
         part: Part,
         references: &[&[f64]],
         allowed: impl Fn(usize) -> bool,
         settings: &Settings,
         hours: Hours<'_>,
-    ) -> Self {
+    ) -> Whitening {
         let teach = |rows: &'_ [Vec<f64>]| -> Vec<usize> {
             (0..rows.len()).filter(|i| part.teaches(*i)).collect()
         };
@@ -73,8 +73,11 @@ impl Library {
             hours,
             allowed,
         );
-        let whitening = Whitening::new(standard, &jitter, references);
-        let law = Law { form: settings.form, whitening: &whitening };
+        Whitening::new(standard, &jitter, references)
+    }
+
+    /// Learns what effects do, by this whitening.
+    pub fn new(bank: &Bank, part: Part, whitening: Whitening) -> Self {
         let effects: Vec<Surrogate> = bank
             .effects
             .par_iter()
@@ -85,7 +88,10 @@ impl Library {
                 let off = |d: &&Draw| standard.apart(&d.statistics, &bank.jitter[d.twin]);
                 let z = whitening.apply_rows(&filled(kept.iter().map(off).collect()));
                 let thetas: Vec<&[f64]> = kept.iter().map(|d| d.theta.as_slice()).collect();
-                Surrogate::new(&effect.axes, &thetas, &z, Some(&law))
+                let others = laws::of(&effect.id, &bank.names);
+                let others: Vec<_> = others.iter().map(|did| standard.in_scale(did)).collect();
+                let others = whitening.apply_rows(&others);
+                Surrogate::new(&effect.axes, &thetas, &z, &others)
             })
             .collect();
         Self { whitening, effects }
@@ -93,7 +99,7 @@ impl Library {
 
     /// Standardises, compresses and whitens one flight.
     pub fn flight(&self, statistics: &[f64]) -> DVector<f64> {
-        self.whitening.apply(&compressed(&self.whitening.standard.raw(statistics)))
+        self.whitening.flight(statistics)
     }
 
     /// Log likelihood of "no effect".

@@ -13,6 +13,7 @@ mod decide;
 mod evidence;
 mod foretold;
 mod gate;
+mod laws;
 mod library;
 mod linear;
 mod open_set;
@@ -62,12 +63,10 @@ pub struct Settings {
     /// third, as chosen of 0.25 to 0.5 on half of the labelled flights of a stranger's vehicle by an earlier measure, and kept: the 36
     /// causes that rank first on two drawn worlds foretell 0.43 and more (docs/GAP_SCORES.md).
     pub foretold: f64,
-    /// Relative uncertainty of every statistic of a signature in the likelihood: another law of the same effect. Chosen
-    /// with `law` on labelled flights of another world (sim/lab/PROTOCOL.md, Development).
-    pub form: f64,
     /// What another law of the same effect differs by, relative, in every statistic of the flights that the
-    /// limits of adequacy are learned from. Chosen there, not measured: how far apart laws of one effect are (exponential
-    /// and rational ground effect, rational and tanh drag, play and dead band) hangs on the flight.
+    /// limits of adequacy are learned from. Chosen on labelled flights of another world (sim/lab/PROTOCOL.md, Development), not
+    /// measured: how far apart laws of one effect are (exponential and rational ground effect, rational and tanh drag, play and
+    /// dead band) hangs on the flight.
     pub law: f64,
     /// Effects whose parameters are searched; the others are screened at their draws.
     pub survivors: usize,
@@ -106,7 +105,6 @@ impl Default for Settings {
             coverage: 0.9,
             sure: 0.85,
             foretold: 1.0 / 3.0,
-            form: 0.12,
             law: 0.5,
             survivors: 12,
             folds: 4,
@@ -175,9 +173,9 @@ pub struct Gate {
     pub distance: f64,
     /// Limit of `distance` from held-out null flights.
     pub distance_limit: f64,
-    /// Largest evidence of an effect, in sigma of what healthy flights give that effect, and its limit.
+    /// Log evidence that one of the effects is there over that none is, and its limit.
     pub effect: f64,
-    /// Limit of `effect` from held-out null flights.
+    /// Limit of `effect`, by the allowance of false alarms.
     pub effect_limit: f64,
     /// Whether the gap changes any statistic by more than what matters.
     pub material: bool,
@@ -319,7 +317,7 @@ impl Attributor {
         teachers.calibration = calibration;
         let all = Part { held_out: None };
         let allowed = |j: usize| settings.usable(j, references);
-        let library = teachers.library(all, &teachers.reference_rows(), allowed, settings);
+        let library = teachers.library(all, allowed, settings);
         if library.whitening.width() == 0 {
             return Err(BankError::NothingUsable { names: expected }.into());
         }
@@ -360,8 +358,7 @@ impl Attributor {
         // The whitening of the rest is not the rest of the whitening: learn again without them.
         let teachers = self.teachers();
         let all = Part { held_out: None };
-        let rows = teachers.reference_rows();
-        let library = teachers.library(all, &rows, known, &self.settings);
+        let library = teachers.library(all, known, &self.settings);
         let groups = teachers.groups(&library);
         self.decide(&library, &groups, statistics, unknown)
     }

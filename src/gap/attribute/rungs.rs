@@ -105,7 +105,6 @@ impl Attributor {
     fn library_of(&self, statistics: &[f64]) -> Library {
         let teachers = self.teachers();
         let known = |j: usize| statistics.get(j).is_some_and(|v| v.is_finite());
-        let rows = teachers.reference_rows();
-        teachers.library(Part { held_out: None }, &rows, known, &self.settings)
+        teachers.library(Part { held_out: None }, known, &self.settings)
     }
 }

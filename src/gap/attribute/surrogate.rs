@@ -8,13 +8,12 @@
 //! features (a product of kernels is one: Rasmussen and Williams 2006, 4.2.4), so that every signature vanishes there. Residuals of
 //! left-out draws give the noise of the effect, `τ² (U Uᵀ + diag d)`,
 //! with `τ` the size of the signature relative to the draws: what a surrogate gets wrong grows
-//! with the effect. Both hold also a share of the signature itself: another law of the same effect ([`Law`]).
+//! with the effect. `U` holds also what the effect does by other laws than the simulator's ([`beside`]).
 
 use nalgebra::{DMatrix, DVector};
 
 use super::linear::{Noise, directions};
 use super::theta::Space;
-use super::whiten::Whitening;
 use crate::bank::axis::Axis;
 
 /// Directions in which kernels are compared.
@@ -76,34 +75,6 @@ impl Kernel {
     }
 }
 
-/// Another law of the same effect: every statistic of its signature is off by a share of itself,
-/// independently of the others.
-///
-/// Independent are the statistics, not the whitened numbers: an error of one statistic spreads over all of
-/// these, along one direction.
-pub(super) struct Law<'a> {
-    /// Relative error.
-    pub form: f64,
-    /// From statistics to whitened numbers.
-    pub whitening: &'a Whitening,
-}
-
-/// Errors of single statistics that are kept as directions; the others go to the diagonal.
-const MOST_LAW_DIRECTIONS: usize = 40;
-
-impl Law<'_> {
-    /// What an error of each statistic does to the whitened numbers at `τ = 1`, largest first.
-    fn columns(&self, fitted: &DMatrix<f64>, weight: f64) -> Vec<DVector<f64>> {
-        let p = fitted.ncols();
-        let squares = self.whitening.undo_rows(fitted).map(|v| v * v).column_sum();
-        let mut columns: Vec<DVector<f64>> = (0..p)
-            .map(|j| self.whitening.direction(j) * (self.form * f64::sqrt(squares[j] / weight)))
-            .collect();
-        columns.sort_by(|a, b| b.norm_squared().total_cmp(&a.norm_squared()));
-        columns
-    }
-}
-
 /// Signature and noise of one effect, in whitened statistics.
 #[derive(Debug, Clone)]
 pub(super) struct Surrogate {
@@ -132,9 +103,9 @@ pub(super) struct Surrogate {
 }
 
 impl Surrogate {
-    /// `axes`: of the parameters; `thetas`: of the draws. `z`: draws minus their twins, whitened (n × p). `law`: what another
-    /// law of the same effect may differ by; absent: the library's law is the only one.
-    pub fn new(axes: &[Axis], thetas: &[&[f64]], z: &DMatrix<f64>, law: Option<&Law<'_>>) -> Self {
+    /// `axes`: of the parameters; `thetas`: of the draws. `z`: draws minus their twins, whitened (n × p). `others`: what the effect does by
+    /// other laws, whitened (m × p), of any size; without any the library's law is the only one.
+    pub fn new(axes: &[Axis], thetas: &[&[f64]], z: &DMatrix<f64>, others: &DMatrix<f64>) -> Self {
         let space = Space::of(axes);
         let sizes: Vec<f64> = thetas.iter().map(|t| space.size(t)).collect();
         let units: Vec<Vec<f64>> = thetas.iter().map(|t| space.to_unit(t)).collect();
@@ -153,7 +124,7 @@ impl Surrogate {
         let q = basis.columns(0, keep).into_owned();
         let b = weights * (z * &q);
         let size2 = (fitted.norm_squared() / n as f64).max(1.0);
-        let spread = residual_noise(&left_out, &fitted, size2, law);
+        let spread = residual_noise(&left_out, &fitted, size2, &beside(&q, others, size2));
         let (noise, solved) = at_levels(&q, &spread);
         let mut surrogate = Self {
             space,
@@ -330,12 +301,19 @@ fn best_of(
     best
 }
 
-/// Diagonal and low-rank part of what residuals hold, at `τ = 1`.
+/// What other laws do beside the signature, at `τ = 1`: the share of all that they do.
+fn beside(q: &DMatrix<f64>, others: &DMatrix<f64>, size2: f64) -> DMatrix<f64> {
+    let whole = others.norm_squared().max(f64::MIN_POSITIVE);
+    let others = others.transpose();
+    (&others - q * q.tr_mul(&others)) * (size2 / whole).sqrt()
+}
+
+/// Diagonal and low-rank part of what residuals hold, at `τ = 1`, with `beside`.
 fn residual_noise(
     left_out: &DMatrix<f64>,
     fitted: &DMatrix<f64>,
     size2: f64,
-    law: Option<&Law<'_>>,
+    beside: &DMatrix<f64>,
 ) -> (DVector<f64>, DMatrix<f64>) {
     let p = left_out.ncols();
     // Σ τ²: every draw holds τ² times the noise at τ = 1.
@@ -347,8 +325,7 @@ fn residual_noise(
     let column = |(k, value): (usize, &f64)| basis.column(k) * (value / weight).sqrt();
     let mut columns: Vec<DVector<f64>> = values.iter().enumerate().map(column).collect();
     let low_rank = columns.len();
-    let law = law.map_or_else(Vec::new, |l| l.columns(fitted, weight));
-    columns.extend(law.iter().take(MOST_LAW_DIRECTIONS).cloned());
+    columns.extend(beside.column_iter().map(|column| column.into_owned()));
     let u = if columns.is_empty() { DMatrix::zeros(p, 0) } else { DMatrix::from_columns(&columns) };
     let beyond = |j: usize| {
         let total = left_out.column(j).norm_squared();
@@ -357,16 +334,14 @@ fn residual_noise(
     let raw = DVector::from_fn(p, |j, _| beyond(j).max(0.0));
     let mean = (0..p).map(beyond).sum::<f64>().max(0.0) / p.max(1) as f64;
     // Some forty draws know a variance to a fifth: lean on the mean over the statistics.
-    let rest = |j: usize| law.iter().skip(MOST_LAW_DIRECTIONS).map(|c| c[j].powi(2)).sum::<f64>();
-    let d = DVector::from_fn(p, |j, _| 0.5 * (raw[j] + mean) + rest(j));
+    let d = raw.map(|own| 0.5 * (own + mean));
     (d, u)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::attribute::scatter::Hours;
-    use crate::attribute::whiten::Standard;
+    use crate::attribute::evidence::Sufficient;
     use crate::bank::axis::Size;
     use haltere_model::random::Stream;
 
@@ -386,7 +361,7 @@ mod tests {
             .collect();
         let z = DMatrix::from_fn(40, p, |i, j| rows[i][j]);
         let refs: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
-        let s = Surrogate::new(&axes(&refs), &refs, &z, None);
+        let s = Surrogate::new(&axes(&refs), &refs, &z, &DMatrix::zeros(0, p));
         let mut worst: f64 = 0.0;
         for k in 0..40 {
             let theta = [-0.9 + 1.8 * f64::from(k) / 39.0, rng.between(0.5, 6.5)];
@@ -420,7 +395,7 @@ mod tests {
         let refs: Vec<&[f64]> = thetas.iter().map(|t| t.as_slice()).collect();
         let at = |size: Option<Size>, theta: f64| {
             let axis = Axis { low: 0.0, high: 2.0, choice: false, size };
-            let s = Surrogate::new(&[axis], &refs, &z, None);
+            let s = Surrogate::new(&[axis], &refs, &z, &DMatrix::zeros(0, p));
             let found = s.mean(&s.coordinates(&s.space.to_unit(&[theta])));
             (found - &along * (3.0 * theta)).norm() / (p as f64).sqrt()
         };
@@ -444,48 +419,41 @@ mod tests {
             noisy[(i, 1)] += 8.0 * thetas[i][0] * rng.normal();
         }
         let refs: Vec<&[f64]> = thetas.iter().map(|t| t.as_slice()).collect();
-        let s = Surrogate::new(&axes(&refs), &refs, &noisy, None);
+        let s = Surrogate::new(&axes(&refs), &refs, &noisy, &DMatrix::zeros(0, p));
         let variance = |j: usize| s.spread.0[j] + s.spread.1.row(j).norm_squared();
         assert!(variance(1) > 30.0 && variance(1) < 130.0, "{}", variance(1));
         assert!(variance(5) < 2.0, "{}", variance(5));
     }
 
+    /// By another law than the simulator's an effect does something beside its signature: what such laws did on other vehicles is noise of it, in
+    /// proportion to its size, and nothing else is.
     #[test]
-    fn prop_another_law_is_an_error_of_statistics_not_of_whitened_numbers() {
+    fn prop_what_other_laws_did_beside_the_signature_is_no_other_cause() {
         let mut rng = Stream::new(7, "surrogate");
-        let p = 20;
-        // Null flights whose statistics move together: a whitened number is a difference of statistics.
-        let mut null = || -> Vec<f64> {
-            let common = 3.0 * rng.normal();
-            (0..p).map(|_| common + rng.normal()).collect()
-        };
-        let nulls: Vec<Vec<f64>> = (0..400).map(|_| null()).collect();
-        let nulls: Vec<&[f64]> = nulls.iter().map(Vec::as_slice).collect();
-        let standard =
-            Standard::new([&nulls, &[]], std::iter::empty(), &[], &[], Hours::default(), |_| true);
-        let whitening = Whitening::new(standard, &nulls, &[]);
-        // Moves the first four statistics, in proportion to θ.
-        let seen = |theta: f64, off: usize, by: f64| {
-            let at = |j: usize| if j < 4 { 5.0 * theta } else { 0.0 };
-            let u: Vec<f64> =
-                (0..p).map(|j| at(j) + if j == off { by * at(0) } else { 0.0 }).collect();
-            whitening.apply(&u)
-        };
-        let thetas: Vec<[f64; 1]> = (0..41).map(|i| [0.5 + 0.0125 * f64::from(i)]).collect();
-        let rows: Vec<_> = thetas.iter().map(|t| seen(t[0], 0, 0.0)).collect();
-        let z = DMatrix::from_fn(41, p, |i, j| rows[i][j]);
+        let p = 30;
+        let mut along = || DVector::from_fn(p, |_, _| rng.normal()).normalize();
+        let [own, law, other] = [along(), along(), along()];
+        let thetas: Vec<[f64; 1]> = (0..41).map(|i| [0.025 * f64::from(i)]).collect();
         let refs: Vec<&[f64]> = thetas.iter().map(|t| t.as_slice()).collect();
-        let law = Law { form: 0.3, whitening: &whitening };
-        let whole = LEVELS.iter().position(|level| *level == 1.0).unwrap();
-        let left = |law: Option<&Law<'_>>, off: usize| {
-            let s = Surrogate::new(&axes(&refs), &refs, &z, law);
-            let h = s.coordinates(&s.space.to_unit(&[0.8]));
-            s.noise[whole].squared(&(seen(0.8, off, 0.3) - s.mean(&h)))
+        let z = DMatrix::from_fn(41, p, |i, j| 40.0 * thetas[i][0] * own[j]);
+        let laws = DMatrix::from_fn(3, p, |i, j| {
+            [3.0, 3.0, -3.0][i] * (own[j] + [0.6, -0.4, 0.5][i] * law[j])
+        });
+        let none = DMatrix::zeros(0, p);
+        let axis = Axis { low: 0.0, high: 1.0, choice: false, size: Some(Size::From(0.0)) };
+        let evidence = |others: &DMatrix<f64>, size: f64, beside: &DVector<f64>| {
+            let s = Surrogate::new(std::slice::from_ref(&axis), &refs, &z, others);
+            let flight = (&own + beside * 0.5) * size;
+            Sufficient::new(&s, &flight).fit(0).log_z + 0.5 * flight.norm_squared()
         };
-        // One statistic of the signature off by 30 % is one sigma of the law; the same error of a statistic that the
-        // effect does not touch stays what it is.
-        assert!(left(Some(&law), 2) < 2.5, "{}", left(Some(&law), 2));
-        assert!(left(None, 2) > 1.8 * left(Some(&law), 2), "{}", left(None, 2));
-        assert!(left(Some(&law), 12) > 0.8 * left(None, 12), "{}", left(Some(&law), 12));
+        for size in [10.0, 30.0] {
+            let gained =
+                [&law, &other].map(|by| evidence(&laws, size, by) - evidence(&none, size, by));
+            assert!(gained[0] > 5.0 && gained[1] < 0.2 * gained[0], "{gained:?} at {size}");
+        }
+        assert!(evidence(&laws, 0.5, &law) < 0.5, "what is hardly there is no evidence");
+        // In any unit.
+        let [one, other] = [1.0, 1e-3].map(|unit| evidence(&(&laws * unit), 30.0, &law));
+        assert!((one - other).abs() < 1e-6, "{one} {other}");
     }
 }

@@ -4,6 +4,7 @@ use super::Settings;
 use super::blocks::Groups;
 use super::library::{Library, Part};
 use super::scatter::{Hours, Scatter, in_sigma};
+use super::whiten::Whitening;
 use crate::bank::{Bank, Draw};
 use haltere_model::effects::Block;
 use haltere_model::random::Stream;
@@ -45,15 +46,26 @@ impl<'a> Teachers<'a> {
         self.references.iter().map(Vec::as_slice).collect()
     }
 
-    /// Learns from a part.
-    pub fn library(
+    /// Learns from a part how healthy flights scatter.
+    pub fn whitening(
         &self,
         part: Part,
         references: &[&[f64]],
         allowed: impl Fn(usize) -> bool,
         settings: &Settings,
+    ) -> Whitening {
+        Library::whitening(self.bank, part, references, allowed, settings, self.hours)
+    }
+
+    /// Learns from a part, beside all accepted flights.
+    pub fn library(
+        &self,
+        part: Part,
+        allowed: impl Fn(usize) -> bool,
+        settings: &Settings,
     ) -> Library {
-        Library::new(self.bank, part, references, allowed, settings, self.hours)
+        let whitening = self.whitening(part, &self.reference_rows(), allowed, settings);
+        Library::new(self.bank, part, whitening)
     }
 
     /// Blocks by the same whitening.

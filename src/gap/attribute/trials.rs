@@ -14,10 +14,12 @@ use serde::{Deserialize, Serialize};
 use super::blocks::Groups;
 use super::calibrate::{Calibration, Judged};
 use super::evidence::Fit;
-use super::gate::{Limit, Rule, Seen};
+use super::gate::{Limit, Seen};
 use super::library::{Library, Part};
 use super::open_set::{Judge, features, score};
 use super::pairs;
+use super::surrogate::Surrogate;
+use super::whiten::Whitening;
 use super::{Settings, Teachers};
 use crate::bank::Draw;
 use crate::normal::empirical_quantile;
@@ -60,7 +62,10 @@ pub(super) struct Limits {
 }
 
 struct Null {
-    seen: Seen,
+    /// Normal score of the squared distance.
+    distance: f64,
+    /// Mean square along what effects do.
+    along: f64,
     blocks: Vec<(Block, usize, f64)>,
 }
 
@@ -108,31 +113,27 @@ pub(super) fn limits(
     let (mut nulls, mut trials) = (Vec::new(), Vec::new());
     for fold in 0..folds {
         let part = Part { held_out: Some((fold, folds)) };
-        let library = teachers.library(part, &teachers.reference_rows(), allowed, settings);
+        let library = teachers.library(part, allowed, settings);
         let groups = teachers.groups(&library);
         let judged = teachers.held_out_nulls(part);
-        nulls.par_extend(
-            judged.par_iter().map(|s| null(&library, &groups, &teachers.placed(s), settings)),
-        );
+        nulls.par_extend(judged.par_iter().map(|s| null(&library, &groups, &teachers.placed(s))));
         let known = flights(teachers, part, settings.law);
         trials.par_extend(known.par_iter().map(|k| trial(&library, settings, k)));
     }
     // Held-out flights of the airframe itself know better than the bank.
     let (judged, known) = match teachers.calibration {
-        [] => (reference_scores(teachers, settings, allowed), teachers.references.len()),
+        [] => (reference_distances(teachers, settings, allowed), teachers.references.len()),
         flights => {
+            let all = Part { held_out: None };
             let rows = teachers.reference_rows();
-            let library = teachers.library(Part { held_out: None }, &rows, allowed, settings);
-            (flights.par_iter().map(|s| seen(&library, settings, s)).collect(), flights.len())
+            let whitening = teachers.whitening(all, &rows, allowed, settings);
+            (flights.iter().map(|s| distance(&whitening, s)).collect(), flights.len())
         }
     };
+    let of_bank: Vec<f64> = nulls.iter().map(|n| n.distance).collect();
+    let louder = nulls.iter().map(|n| n.along).sum::<f64>() / nulls.len().max(1) as f64;
     // Two ways to raise an alarm share the allowance.
-    let share = 1.0 - settings.false_alarm / 2.0;
-    let gate = if known >= LEAST_JUDGED {
-        Limit::new(&judged.iter().collect::<Vec<_>>(), Rule::Few(share, known))
-    } else {
-        Limit::new(&nulls.iter().map(|n| &n.seen).collect::<Vec<_>>(), Rule::Share(share))
-    };
+    let gate = Limit::new(&of_bank, &judged, known, louder, settings.false_alarm / 2.0);
     let seen: Vec<&Trial> = trials.iter().filter(|t| gate.gate(&t.seen).open()).collect();
     let named: Vec<Judged> = seen.iter().filter(|t| !t.double).map(|t| t.judged.clone()).collect();
     let calibration = Calibration::new(&named, settings.coverage);
@@ -168,8 +169,20 @@ const MOST_WIDENED: f64 = 5.0;
 /// Least half width that an error is divided by, of the range.
 const LEAST_HALF_WIDTH: f64 = 0.01;
 
-fn null(library: &Library, groups: &Groups, statistics: &[f64], settings: &Settings) -> Null {
-    Null { seen: seen(library, settings, statistics), blocks: groups.scores(statistics) }
+fn null(library: &Library, groups: &Groups, statistics: &[f64]) -> Null {
+    let z = library.flight(statistics);
+    let along = |effect: &Surrogate| effect.q.column_iter().next().map(|q| q.dot(&z).powi(2));
+    let squares: Vec<f64> = library.effects.iter().filter_map(along).collect();
+    Null {
+        distance: score(z.norm_squared(), z.len()),
+        along: squares.iter().sum::<f64>() / squares.len().max(1) as f64,
+        blocks: groups.scores(statistics),
+    }
+}
+
+/// Normal score of the squared distance.
+fn distance(whitening: &Whitening, statistics: &[f64]) -> f64 {
+    score(whitening.flight(statistics).norm_squared(), whitening.width())
 }
 
 /// What the gate sees of a flight by whitened numbers and fits.
@@ -179,12 +192,6 @@ pub(super) fn seen_of(library: &Library, z: &DVector<f64>, fits: &[Fit]) -> Seen
         evidence: by_effect(fits).iter().map(|v| v - null).collect(),
         distance: score(z.norm_squared(), library.whitening.width()),
     }
-}
-
-fn seen(library: &Library, settings: &Settings, statistics: &[f64]) -> Seen {
-    let z = library.flight(statistics);
-    let fits = library.explain(&z, settings.survivors);
-    seen_of(library, &z, &fits)
 }
 
 fn trial(library: &Library, settings: &Settings, known: &Known) -> Trial {
@@ -300,16 +307,13 @@ fn flights(teachers: &Teachers<'_>, part: Part, law: f64) -> Vec<Known> {
 /// Prime to any likely number of effects.
 const STRIDE: usize = 37;
 
-/// Fewer judged flights of the airframe give no limit.
-const LEAST_JUDGED: usize = 8;
-
 /// Reference flights, each fold judged with the others as reference, in hours that the bank did not teach: in those that it did the limit
 /// let 17 of 93 healthy flights of another simulator raise an alarm, and so 4.
-fn reference_scores(
+fn reference_distances(
     teachers: &Teachers<'_>,
     settings: &Settings,
     allowed: impl Fn(usize) -> bool + Copy + Sync,
-) -> Vec<Seen> {
+) -> Vec<f64> {
     let folds = REFERENCE_FOLDS.min(teachers.references.len());
     let mut found = Vec::new();
     for fold in 0..folds {
@@ -318,14 +322,14 @@ fn reference_scores(
             rows.filter(|(i, _)| (i % folds == fold) == held).map(|(_, r)| r.as_slice()).collect()
         };
         let part = Part { held_out: Some((fold, MOST_FOLDS)) };
-        let library = teachers.library(part, &side(false), allowed, settings);
+        let whitening = teachers.whitening(part, &side(false), allowed, settings);
         // Flights of several hours are moved once, by the constants that they share.
         let turns = if teachers.hours.one > 0.0 { REFERENCE_FOLDS } else { 1 };
         let held: Vec<Vec<f64>> = (0..turns)
             .flat_map(|turn| side(true).into_iter().enumerate().map(move |(k, row)| (turn, k, row)))
             .map(|(turn, k, row)| teachers.elsewhen(row, part, turn + turns * k))
             .collect();
-        found.par_extend(held.par_iter().map(|s| seen(&library, settings, s)));
+        found.extend(held.iter().map(|s| distance(&whitening, s)));
     }
     found
 }

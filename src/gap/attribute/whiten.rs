@@ -97,6 +97,11 @@ impl Standard {
         self.each(flight, apart).into_iter().map(compress).collect()
     }
 
+    /// Differences of the statistics in units of the scale.
+    pub fn in_scale(&self, differences: &[f64]) -> Vec<f64> {
+        self.each(differences, |k, value| value / self.scale[k])
+    }
+
     /// What `of` makes of every statistic in use, within what is still a number.
     fn each(&self, statistics: &[f64], of: impl Fn(usize, f64) -> f64) -> Vec<f64> {
         let at = |k: usize| {
@@ -160,6 +165,11 @@ impl Whitening {
         self.standard.columns.len()
     }
 
+    /// Standardises, compresses and whitens one flight.
+    pub fn flight(&self, statistics: &[f64]) -> DVector<f64> {
+        self.apply(&compressed(&self.standard.raw(statistics)))
+    }
+
     /// Whitened numbers of compressed ones.
     pub fn apply(&self, compressed: &[f64]) -> DVector<f64> {
         &self.w * DVector::from_column_slice(compressed)
@@ -170,19 +180,9 @@ impl Whitening {
         matrix(rows, self.width()) * self.w.transpose()
     }
 
-    /// What one unit of a compressed number does to the whitened ones.
-    pub fn direction(&self, k: usize) -> DVector<f64> {
-        self.w.column(k).into_owned()
-    }
-
     /// Compressed numbers of whitened ones.
     pub fn undo(&self, z: &DVector<f64>) -> DVector<f64> {
         &self.back * z
-    }
-
-    /// The same of whitened rows, as columns.
-    pub fn undo_rows(&self, rows: &DMatrix<f64>) -> DMatrix<f64> {
-        &self.back * rows.transpose()
     }
 }
 

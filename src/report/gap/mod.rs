@@ -111,7 +111,7 @@ fn behind(html: &mut String, attribution: &Attribution) {
             gate.distance_limit,
         ),
         (
-            "Or: how far the effect that shows most does, in sigma of healthy flights, more than",
+            "Or: log evidence that one of the effects is there over that none is, more than",
             gate.effect,
             gate.effect_limit,
         ),
