@@ -35,3 +35,25 @@ pub(super) fn of(id: &str, names: &[String]) -> Vec<Vec<f64>> {
     let rows = TAUGHT.did.get(id).map_or(&[][..], Vec::as_slice);
     rows.iter().map(|row| names.iter().map(|name| at(row, name)).collect()).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bank::library::standard;
+    use crate::flight::statistics::specs;
+
+    /// What is taught is known by its names: one that is renamed would be forgotten without a word.
+    #[test]
+    fn prop_what_was_taught_is_of_statistics_and_effects_that_there_are() {
+        let names: Vec<String> = specs().iter().map(|spec| spec.name.clone()).collect();
+        let taught: Vec<_> = standard().iter().map(|spec| (spec.id, of(spec.id, &names))).collect();
+        let known = taught.iter().filter(|(_, rows)| !rows.is_empty()).count();
+        assert!(known >= 40, "{known} of {}", taught.len());
+        for (id, rows) in taught.iter().filter(|(_, rows)| !rows.is_empty()) {
+            let moved = |j: usize| rows.iter().any(|row| row[j] != 0.0);
+            let moved = (0..names.len()).filter(|j| moved(*j)).count();
+            assert!(moved > 30, "{id} moves {moved} statistics");
+        }
+        assert!(of("A1", &["other".to_owned()]).iter().flatten().all(|v| *v == 0.0));
+    }
+}
