@@ -43,7 +43,7 @@ pub(super) struct Limit {
 
 impl Limit {
     /// `bank`, `airframe`: distances of flights without an effect that taught nothing; those of the airframe stem from `few` flights.
-    /// `louder`: mean square of such flights along what effects do, where one is right. `share`: of healthy flights that each score may raise
+    /// `louder`: mean square of such a flight along what effects do, where one is right. `share`: of healthy flights that each score may raise
     /// an alarm for.
     pub fn new(bank: &[f64], airframe: &[f64], few: usize, louder: f64, share: f64) -> Self {
         let distance = match few {
