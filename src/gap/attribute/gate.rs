@@ -1,11 +1,16 @@
 //! Is there a gap at all: two scores of a flight, each against what healthy flights reach.
 //!
-//! `effect`: log evidence that one of the effects is there over none, `log Σ_e Z_e / (n Z_0)`: effects of the library are as probable as
-//! one another, and the mean of `Z_e / Z_0` over healthy flights is one. `distance`: normal score of the squared whitened distance,
-//! for what no effect of the library explains.
+//! ```text
+//! effect = log (1/n) Σ_e Z_e / Z_0 > l log(1/a),   l = max(1, median_i (1/n) Σ_e (q_e·z_i)²)
+//! ```
+//! Z_e: evidence of effect e of n, as likely as one another, and Z_0 that of none; a: share of healthy flights that may raise an alarm. Over
+//! flights without an effect the mean of Z_e / Z_0 is one, so that no more than a share a exceeds 1/a (Markov's inequality). That holds where
+//! the scatter of healthy flights is known. It is not quite: held-out ones, z_i whitened, are l times as loud in square along q_e, the main
+//! direction of an effect, and log Z_e / Z_0 grows with that square; so its limit does (judgement, by that; not a bound).
 //!
-//! Few flights of the airframe are less far from their own than others will be: the limit of the distance is a prediction limit of that
-//! many flights, in hours that differ as other hours do (`scatter`).
+//! `distance`: normal score of the squared whitened distance, for what no effect of the library explains. Few flights of the airframe are
+//! less far from their own than others will be: its limit is a prediction limit of that many flights, in hours that differ as other hours
+//! do (`scatter`).
 
 use serde::{Deserialize, Serialize};
 
@@ -43,15 +48,12 @@ pub(super) struct Limit {
 
 impl Limit {
     /// `bank`, `airframe`: distances of flights without an effect that taught nothing; those of the airframe stem from `few` flights.
-    /// `louder`: mean square of such a flight along what effects do, where one is right. `share`: of healthy flights that each score may raise
-    /// an alarm for.
+    /// `louder`: `l` above. `share`: of healthy flights that each score may raise an alarm for.
     pub fn new(bank: &[f64], airframe: &[f64], few: usize, louder: f64, share: f64) -> Self {
         let distance = match few {
             0..LEAST_JUDGED => empirical_quantile(bank.iter().copied(), 1.0 - share),
             _ => skewed(airframe, 1.0 - share, few),
         };
-        // Evidence over none is one on average over flights with none: larger than 1 / share it is in no more than that share of
-        // them (Markov), whatever the library holds. Its logarithm grows with the square of what is taken for noise.
         Self { distance, effect: -share.ln() * louder.max(1.0) }
     }
 

@@ -3,13 +3,11 @@
 use nalgebra::DVector;
 use rayon::prelude::*;
 
-use super::Settings;
 use super::evidence::{Fit, Sufficient};
 use super::laws;
 use super::linear::Noise;
-use super::scatter::Hours;
 use super::surrogate::Surrogate;
-use super::whiten::{Standard, Whitening};
+use super::whiten::Whitening;
 use crate::bank::{Bank, Draw};
 
 /// What an explanation leaves.
@@ -45,37 +43,6 @@ pub(super) struct Library {
 }
 
 impl Library {
-    /// Learns how healthy flights scatter. `allowed`: statistics that may be used, by place.
-    pub fn whitening(
-        bank: &Bank,
-        part: Part,
-        references: &[&[f64]],
-        allowed: impl Fn(usize) -> bool,
-        settings: &Settings,
-        hours: Hours<'_>,
-    ) -> Whitening {
-        let teach = |rows: &'_ [Vec<f64>]| -> Vec<usize> {
-            (0..rows.len()).filter(|i| part.teaches(*i)).collect()
-        };
-        let seeds: Vec<&[f64]> =
-            teach(&bank.seeds).into_iter().map(|i| bank.seeds[i].as_slice()).collect();
-        let jitter: Vec<&[f64]> =
-            teach(&bank.jitter).into_iter().map(|i| bank.jitter[i].as_slice()).collect();
-        let draws = bank.effects.iter().flat_map(|e| {
-            let kept = e.draws.iter().enumerate().filter(|(i, _)| part.teaches(*i));
-            kept.map(|(_, d)| d.statistics.as_slice())
-        });
-        let standard = Standard::new(
-            [&seeds, &jitter],
-            draws,
-            references,
-            &settings.resolution,
-            hours,
-            allowed,
-        );
-        Whitening::new(standard, &jitter, references)
-    }
-
     /// Learns what effects do, by this whitening.
     pub fn new(bank: &Bank, part: Part, whitening: Whitening) -> Self {
         let effects: Vec<Surrogate> = bank

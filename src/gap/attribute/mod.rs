@@ -4,7 +4,7 @@
 //! Synthetic likelihood on statistics that are standardised, compressed and whitened with the
 //! covariance of benign jitter (`whiten`); a surrogate per effect (`surrogate`) and its
 //! evidence (`evidence`); pairs (`pairs`). Every limit comes
-//! from held-out flights (`trials`).
+//! from held-out flights (`trials`), that of evidence from its allowance as well (`gate`).
 
 mod ambiguity;
 mod blocks;

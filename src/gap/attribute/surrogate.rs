@@ -301,7 +301,8 @@ fn best_of(
     best
 }
 
-/// What other laws do beside the signature, at `τ = 1`: the share of all that they do.
+/// What other laws do beside the signature, at `τ = 1`: `(1 - Q Qᵀ) X s / |X|`, with the laws X (whitened, one a column) and s the root mean
+/// square size of the draws: as large beside it as it is among all that they do.
 fn beside(q: &DMatrix<f64>, others: &DMatrix<f64>, size2: f64) -> DMatrix<f64> {
     let whole = others.norm_squared().max(f64::MIN_POSITIVE);
     let others = others.transpose();

@@ -4,7 +4,7 @@ use super::Settings;
 use super::blocks::Groups;
 use super::library::{Library, Part};
 use super::scatter::{Hours, Scatter, in_sigma};
-use super::whiten::Whitening;
+use super::whiten::{Standard, Whitening};
 use crate::bank::{Bank, Draw};
 use haltere_model::effects::Block;
 use haltere_model::random::Stream;
@@ -46,7 +46,7 @@ impl<'a> Teachers<'a> {
         self.references.iter().map(Vec::as_slice).collect()
     }
 
-    /// Learns from a part how healthy flights scatter.
+    /// Learns from a part how healthy flights scatter. `allowed`: statistics that may be used, by place.
     pub fn whitening(
         &self,
         part: Part,
@@ -54,7 +54,24 @@ impl<'a> Teachers<'a> {
         allowed: impl Fn(usize) -> bool,
         settings: &Settings,
     ) -> Whitening {
-        Library::whitening(self.bank, part, references, allowed, settings, self.hours)
+        let taught = |rows: &'a [Vec<f64>]| -> Vec<&'a [f64]> {
+            let kept = rows.iter().enumerate().filter(|(i, _)| part.teaches(*i));
+            kept.map(|(_, row)| row.as_slice()).collect()
+        };
+        let [seeds, jitter] = [&self.bank.seeds, &self.bank.jitter].map(|rows| taught(rows));
+        let draws = self.bank.effects.iter().flat_map(|effect| {
+            let kept = effect.draws.iter().enumerate().filter(|(i, _)| part.teaches(*i));
+            kept.map(|(_, draw)| draw.statistics.as_slice())
+        });
+        let standard = Standard::new(
+            [&seeds, &jitter],
+            draws,
+            references,
+            &settings.resolution,
+            self.hours,
+            allowed,
+        );
+        Whitening::new(standard, &jitter, references)
     }
 
     /// Learns from a part, beside all accepted flights.

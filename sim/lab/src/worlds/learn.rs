@@ -58,8 +58,8 @@ pub fn sessions(seeds: &[u64], file: &Path) -> Result<()> {
     written::write(file, text, &[""; 0]).with_context(|| file.display().to_string())
 }
 
-/// Principal directions that are kept of what an effect did. Three, five, eight and all name as many of 118 effects of three other worlds right:
-/// 74, 74, 75 and 76.
+/// Principal directions that are kept of what an effect did. Three, five, eight and all name as many of 118 effects of three other worlds
+/// (`--choose 0..3`) right, with the gate's limit by its allowance alone: 74, 74, 75 and 76.
 const DIRECTIONS: usize = 4;
 
 /// Flies an effect each by the law of these worlds, and writes the directions of what they did: every world counts as much, whatever
@@ -92,10 +92,7 @@ pub fn laws(seeds: &[u64], file: &Path) -> Result<()> {
         for (j, scatter) in scatter.iter_mut().enumerate() {
             let of: Vec<f64> =
                 accepted.iter().map(|row| row[j]).filter(|v| v.is_finite()).collect();
-            let n = of.len() as f64;
-            let mean = of.iter().sum::<f64>() / n;
-            let square = of.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
-            scatter.push(square.sqrt());
+            scatter.push(moments(&of)[1].sqrt());
         }
     }
     let typical = |(of, spec): (&mut Vec<f64>, &StatSpec)| {
@@ -115,7 +112,8 @@ pub fn laws(seeds: &[u64], file: &Path) -> Result<()> {
     written::write(file, text, &[""; 0]).with_context(|| file.display().to_string())
 }
 
-/// Principal directions of flights in `sigma`, each of length one, in thousandths; together their squares are one.
+/// Principal directions `1000 s_k v_k / √n` of n flights, each in `sigma` and of length one: `Σ s_k u_k v_kᵀ` is the matrix of these flights, so that
+/// all directions together have a square of one (in thousandths).
 fn directions(flights: &[Vec<f64>], sigma: &[f64]) -> Vec<Vec<i64>> {
     let mut rows = DMatrix::from_fn(flights.len(), sigma.len(), |i, j| {
         let sized = flights[i][j] / sigma[j];
@@ -145,14 +143,20 @@ fn excess(accepted: &[Vec<f64>], others: &[Vec<f64>], j: usize) -> Option<f64> {
         return None;
     }
     let n = own.len() as f64;
-    let mean = own.iter().sum::<f64>() / n;
-    let variance = own.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    let [mean, variance] = moments(&own);
     let variance = variance + specs()[j].resolution.powi(2);
     // A variance of n flights stands too small in a denominator: by (n - 1) / (n - 3) on average.
     let fair = (n - 3.0) / (n - 1.0);
     let square = |v: &f64| ((v - mean).powi(2) / variance).min(FARTHEST.powi(2));
     let squares = other.iter().map(square).sum::<f64>() / other.len() as f64;
     (variance > 0.0).then_some(fair * squares - (1.0 + 1.0 / n))
+}
+
+/// Mean and variance of a sample.
+fn moments(values: &[f64]) -> [f64; 2] {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    [mean, values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0)]
 }
 
 #[cfg(test)]
