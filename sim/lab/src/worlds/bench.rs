@@ -49,9 +49,10 @@ pub fn processor_s() -> f64 {
         .as_secs_f64()
 }
 
-/// Flies a world, commissions the owner's file to its accepted flights and flies the bank, which lands at `bank`.
+/// Flies a world, commissions the owner's file to its accepted flights and flies the bank, of that size, which lands at `bank`.
 pub fn seen(
     flyable: &Flyable,
+    size: BankSize,
     begun_s: f64,
     bank: &Path,
     tell: &(dyn Fn(String) + Sync),
@@ -81,7 +82,7 @@ pub fn seen(
         scene.clone(),
         items.clone(),
         library::standard(),
-        BankSize::SMALL,
+        size,
         told("bank"),
     )
     .map_err(anyhow::Error::new)?;

@@ -31,7 +31,7 @@ const LEAST_WORLDS: usize = 6;
 pub fn sessions(seeds: &[u64], file: &Path) -> Result<()> {
     let mut sums = vec![Vec::new(); specs().len()];
     for seed in seeds {
-        let flyable = Flyable::found(*seed, &|line| eprintln!("{seed}: {line}"))?;
+        let flyable = Flyable::found(*seed, false, &|line| eprintln!("{seed}: {line}"))?;
         let nominal = Nominal::of_scene(&flyable.scene);
         let rows = |traces: &mut dyn Iterator<Item = &Trace>| {
             traces.filter_map(|trace| statistics_of(trace, &nominal).ok()).collect::<Vec<_>>()
@@ -68,7 +68,7 @@ pub fn laws(seeds: &[u64], file: &Path) -> Result<()> {
     let mut did: BTreeMap<String, Vec<Vec<f64>>> = BTreeMap::new();
     let mut scatter = vec![Vec::new(); specs().len()];
     for seed in seeds {
-        let flyable = Flyable::found(*seed, &|line| eprintln!("{seed}: {line}"))?;
+        let flyable = Flyable::found(*seed, false, &|line| eprintln!("{seed}: {line}"))?;
         let nominal = Nominal::of_scene(&flyable.scene);
         let row = |trace: Result<Trace>| statistics_of(&trace.ok()?, &nominal).ok();
         let jobs = flyable.jobs();

@@ -24,6 +24,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use haltere::cli::{print, print_json};
 use haltere_gap::attribute::{Attributor, Settings};
 use haltere_gap::bank::bank_file::{self, from_disk};
+use haltere_gap::bank::make_bank::BankSize;
 use haltere_gap::flight::seal;
 use haltere_gap::flight::statistics::specs;
 use haltere_log::written;
@@ -86,6 +87,8 @@ fn range(text: &str) -> Result<(u64, u64), String> {
 struct Place {
     name: String,
     seed: u64,
+    /// By what a user has: the whole mission, and a bank of full size. Others fly half of it beside a small bank, for their number's sake.
+    whole: bool,
 }
 
 impl Options {
@@ -104,7 +107,7 @@ impl Options {
 }
 
 fn place(part: &str, first: u64, k: u64) -> Place {
-    Place { name: format!("{part}-{k:02}"), seed: first + k }
+    Place { name: format!("{part}-{k:02}"), seed: first + k, whole: part == "report" }
 }
 
 /// SHA-256 over the pages of all worlds as they are drawn first.
@@ -137,7 +140,7 @@ pub fn run(options: &Options) -> Result<bool> {
     std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     let places = options.chosen()?;
     if options.pages {
-        for Place { name, seed } in &places {
+        for Place { name, seed, .. } in &places {
             let page = World::drawn(mixed(*seed, 0)).page();
             written::write(&folder.join(format!("{name}.page")), page, &[""; 0])?;
         }
@@ -203,10 +206,11 @@ fn judged(folder: &Path, place: &Place, settings: &Settings) -> Result<Judged> {
     let tell = |line: String| eprintln!("{}: {line}", place.name);
     if !at("json").exists() {
         let begun_s = processor_s();
-        let flyable = Flyable::found(place.seed, &tell)?;
+        let flyable = Flyable::found(place.seed, place.whole, &tell)?;
         written::write(&at("page"), flyable.world.page(), &[""; 0])?;
         tell(format!("{:.0} g flies", 1e3 * flyable.world.craft.stated_kg));
-        let seen = seen(&flyable, begun_s, &at("bank"), &tell)?;
+        let size = if place.whole { BankSize::default() } else { BankSize::SMALL };
+        let seen = seen(&flyable, size, begun_s, &at("bank"), &tell)?;
         remember(&at("json"), &seen)?;
     }
     let seen = recall(&at("json"))?;
