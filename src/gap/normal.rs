@@ -24,6 +24,13 @@ pub(super) fn prediction_factor(p: f64, count: usize) -> f64 {
     student_quantile(p, n - 1.0) * (1.0 + 1.0 / n).sqrt()
 }
 
+/// Logarithm of the mean of numbers whose logarithms these are.
+pub(super) fn log_mean_exp(logs: &[f64]) -> f64 {
+    let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let mean = logs.iter().map(|v| (v - most).exp()).sum::<f64>() / logs.len() as f64;
+    if most.is_finite() { most + mean.ln() } else { most }
+}
+
 /// The middle value, the mean of both where there are two; NaN where there is none.
 pub(super) fn median(values: impl IntoIterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.into_iter().collect();

@@ -405,8 +405,7 @@ fn read_off(remaining: &Remaining, readings: &[Reading]) -> f64 {
             .iter()
             .map(|x| -0.5 * x.iter().zip(y).map(|(a, b)| (a - b).powi(2)).sum::<f64>())
             .collect();
-        let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        most + logs.iter().map(|l| (l - most).exp()).sum::<f64>().ln()
+        normal::log_mean_exp(&logs)
     };
     let mut total = 0.0;
     for (h, own) in remaining.candidates.iter().zip(&clouds) {

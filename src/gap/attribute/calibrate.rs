@@ -9,6 +9,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::ambiguity::RULED_OUT;
+
 /// Temperatures without a gap that are tried, and what they gain by unit of log evidence.
 const TEMPERATURES: [f64; 9] = [1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 10.0, 16.0, 25.0];
 const GAINS: [f64; 8] = [0.0, 0.01, 0.015, 0.02, 0.03, 0.05, 0.07, 0.1];
@@ -34,8 +36,6 @@ pub(super) struct Calibration {
     pub temperature: Temperature,
     /// Steps of the isotonic map: probability before, after; rising.
     steps: Vec<(f64, f64)>,
-    /// Conformal limit: cumulated probability up to and with the truth, at the asked coverage.
-    pub conformal: f64,
 }
 
 /// Temperature of evidences, by the largest of them.
@@ -56,8 +56,8 @@ impl Temperature {
 }
 
 impl Calibration {
-    /// Learns from held-out flights. `coverage`: of the set.
-    pub fn new(flights: &[Judged], coverage: f64) -> Self {
+    /// Learns from held-out flights.
+    pub fn new(flights: &[Judged]) -> Self {
         let loss = |temperature: Temperature| -> f64 {
             let of_flight = |f: &Judged| {
                 let p = cooled(&f.evidence, temperature);
@@ -83,22 +83,7 @@ impl Calibration {
             })
             .collect();
         tops.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut calibration = Self { temperature, steps: isotonic(&tops), conformal: coverage };
-        let mut reached: Vec<f64> = flights
-            .iter()
-            .map(|f| {
-                let p = calibration.posterior(&f.evidence);
-                let own = p.get(f.truth).copied().unwrap_or(0.0);
-                // Sum down to the truth, without it: a set holds it from there on.
-                p.iter().filter(|v| **v > own).sum()
-            })
-            .collect();
-        reached.sort_by(f64::total_cmp);
-        let rank = ((reached.len() as f64 + 1.0) * coverage).ceil() as usize;
-        if let Some(limit) = reached.get(rank.saturating_sub(1)) {
-            calibration.conformal = *limit;
-        }
-        calibration
+        Self { temperature, steps: isotonic(&tops) }
     }
 
     /// Calibrated probabilities.
@@ -126,20 +111,6 @@ impl Calibration {
         cooled(evidence, self.temperature).first().copied().unwrap_or(0.0)
     }
 
-    /// Set that holds the truth as often as asked.
-    pub fn set(&self, posterior: &[f64]) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..posterior.len()).collect();
-        order.sort_by(|a, b| posterior[*b].total_cmp(&posterior[*a]));
-        let mut sum = 0.0;
-        let inside = order.iter().take_while(|e| {
-            let before = sum;
-            sum += posterior[**e];
-            before <= self.conformal
-        });
-        let set: Vec<usize> = inside.copied().collect();
-        if set.is_empty() { order.into_iter().take(1).collect() } else { set }
-    }
-
     fn map(&self, before: f64) -> f64 {
         let [.., (_, last)] = self.steps[..] else { return before };
         let above = self.steps.iter().position(|(x, _)| *x >= before);
@@ -153,6 +124,19 @@ impl Calibration {
         };
         value.clamp(1.0 - MOST_SURE, MOST_SURE)
     }
+}
+
+/// Effects that together are as probable as `coverage`; those that are ruled out are no help.
+pub(super) fn set(posterior: &[f64], coverage: f64) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..posterior.len()).collect();
+    order.sort_by(|a, b| posterior[*b].total_cmp(&posterior[*a]));
+    let mut sum = 0.0;
+    let inside = order.into_iter().enumerate().take_while(|(k, effect)| {
+        let missing = sum < coverage && posterior[*effect] >= RULED_OUT;
+        sum += posterior[*effect];
+        *k == 0 || missing
+    });
+    inside.map(|(_, effect)| effect).collect()
 }
 
 fn cooled(evidence: &[f64], temperature: Temperature) -> Vec<f64> {
@@ -209,7 +193,7 @@ mod tests {
             };
             (0..count).map(|_| one(&mut rng)).collect()
         };
-        let calibration = Calibration::new(&flights(800), 0.9);
+        let calibration = Calibration::new(&flights(800));
         // At the mean evidence of the truth.
         let temperature = calibration.temperature.at(24.0);
         assert!((4.0..11.0).contains(&temperature), "{:?}", calibration.temperature);
@@ -219,7 +203,7 @@ mod tests {
             let p = calibration.posterior(&f.evidence);
             let (top, value) = largest(&p);
             gap += value - if top == f.truth { 1.0 } else { 0.0 };
-            let set = calibration.set(&p);
+            let set = set(&p, 0.9);
             covered += usize::from(set.contains(&f.truth));
             size += set.len();
         }
@@ -248,7 +232,7 @@ mod tests {
             let truth = flights[k].truth;
             flights[k].evidence[(truth + 1) % 8] = 1500.0 + 10.0 * k as f64 / 30.0;
         }
-        let calibration = Calibration::new(&flights, 0.9);
+        let calibration = Calibration::new(&flights);
         let mut small = vec![-1.0; 8];
         (small[2], small[5]) = (33.2, 23.9);
         let p = calibration.posterior(&small);

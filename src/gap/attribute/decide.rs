@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::ambiguity;
 use super::blocks::Groups;
+use super::calibrate::set;
 use super::evidence::Fit;
 use super::foretold::foretold;
 use super::library::Library;
@@ -45,8 +46,8 @@ impl Attributor {
         let width = library.whitening.width();
         let z = library.flight(statistics);
         let fits = library.explain(&z, settings.survivors);
-        let seen = seen_of(library, &z, &fits);
-        let posterior = limits.calibration.posterior(&seen.evidence);
+        let seen = seen_of(library, &z);
+        let posterior = limits.calibration.posterior(&library.likeness(&z));
         let case = Case { library, z, fits, posterior };
         let gate = Gate { material: self.material(library, &case.z), ..limits.gate.gate(&seen) };
         let mut result = Attribution {
@@ -79,7 +80,7 @@ impl Attributor {
     /// Best pair, if it adds enough; all that were fitted go to the report.
     fn second(&self, case: &Case<'_>, result: &mut Attribution) -> Option<PairFit> {
         let found = pairs::search(case.library, &case.z, &case.fits, self.settings.polished);
-        let top = case.fits.first().map_or(f64::NEG_INFINITY, |f| f.log_z);
+        let top = pairs::best_single(&case.fits);
         let width = case.library.whitening.width();
         result.pairs = found
             .iter()
@@ -211,8 +212,10 @@ impl Attributor {
             // What the simulator lacks of this vehicle is left by its true cause too.
             _ if sure => Outcome::NamedWithRemainder { effect: own, remainder: rest() },
             _ => {
-                let mut set = self.set(&case.posterior);
+                let mut set = set(&case.posterior, self.settings.coverage);
                 set.extend(merged.iter().map(|(e, _)| *e));
+                // At least two: one alone is not sure.
+                set.extend(order.get(1).map(|k| case.fits[*k].effect));
                 let inside = order.iter().map(|k| &case.fits[*k]);
                 let effects: Vec<Named> = inside
                     .filter(|f| set.contains(&f.effect))
@@ -222,25 +225,6 @@ impl Attributor {
                 Outcome::OneOf { effects }
             }
         };
-    }
-
-    /// Effects that together are as probable as a set shall be, at least two: one alone is not sure.
-    fn set(&self, posterior: &[f64]) -> Vec<usize> {
-        let mut set = self.limits.calibration.set(posterior);
-        let mut order: Vec<usize> = (0..posterior.len()).collect();
-        order.sort_by(|a, b| posterior[*b].total_cmp(&posterior[*a]));
-        let mut sum = 0.0;
-        for (k, effect) in order.into_iter().enumerate() {
-            let ruled_out = posterior[effect] < ambiguity::RULED_OUT;
-            if k > 1 && (ruled_out || sum >= self.settings.coverage) {
-                break;
-            }
-            sum += posterior[effect];
-            if !set.contains(&effect) {
-                set.push(effect);
-            }
-        }
-        set
     }
 
     pub(super) fn id(&self, effect: usize) -> String {

@@ -3,8 +3,8 @@
 //! ```text
 //! effect = log (1/n) Σ_e Z_e / Z_0 > l log(1/a),   l = max(1, median_i (1/n) Σ_e (q_e·z_i)²)
 //! ```
-//! Z_e: evidence of effect e of n, as likely as one another, and Z_0 that of none; a: share of healthy flights that may raise an alarm. Over
-//! flights without an effect the mean of Z_e / Z_0 is one, so that no more than a share a exceeds 1/a (Markov's inequality). That holds where
+//! Z_e: evidence of effect e of n, as likely as one another, the mean of its likelihood over its draws, and Z_0 that of none; a: share of
+//! healthy flights that may raise an alarm. Over flights without an effect the mean of Z_e / Z_0 is one, as nothing is fitted to them, so that no more than a share a exceeds 1/a (Markov's inequality). That holds where
 //! the scatter of healthy flights is known. It is not quite: held-out ones, z_i whitened, are l times as loud in square along q_e, the main
 //! direction of an effect, and log Z_e / Z_0 grows with that square; so its limit does (judgement, by that; not a bound).
 //!
@@ -15,7 +15,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::Gate;
-use crate::normal::{empirical_quantile, median, prediction_factor};
+use crate::normal::{empirical_quantile, log_mean_exp, median, prediction_factor};
 
 /// What the gate sees of one flight.
 #[derive(Debug, Clone)]
@@ -24,15 +24,6 @@ pub(super) struct Seen {
     pub evidence: Vec<f64>,
     /// Normal score of the squared distance.
     pub distance: f64,
-}
-
-impl Seen {
-    /// Log evidence that one of the effects is there over none.
-    fn any(&self) -> f64 {
-        let most = self.evidence.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let sum: f64 = self.evidence.iter().map(|v| (v - most).exp()).sum();
-        if most.is_finite() { most + (sum / self.evidence.len() as f64).ln() } else { most }
-    }
 }
 
 /// Fewer flights of the airframe give no limit.
@@ -62,7 +53,7 @@ impl Limit {
         Gate {
             distance: flight.distance,
             distance_limit: self.distance,
-            effect: flight.any(),
+            effect: log_mean_exp(&flight.evidence),
             effect_limit: self.effect,
             material: true,
         }

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::evidence::{Fit, Sufficient};
 use super::laws;
+use super::likeness::Likeness;
 use super::linear::Noise;
 use super::surrogate::Surrogate;
 use super::whiten::Whitening;
@@ -40,12 +41,13 @@ pub(super) struct Library {
     pub whitening: Whitening,
     /// One per effect of the bank, in its order.
     pub effects: Vec<Surrogate>,
+    likeness: Vec<Likeness>,
 }
 
 impl Library {
     /// Learns what effects do, by this whitening.
     pub fn new(bank: &Bank, part: Part, whitening: Whitening) -> Self {
-        let effects: Vec<Surrogate> = bank
+        let (effects, likeness) = bank
             .effects
             .par_iter()
             .map(|effect| {
@@ -58,10 +60,10 @@ impl Library {
                 let others = laws::of(&effect.id, &bank.names);
                 let others: Vec<_> = others.iter().map(|did| standard.in_scale(did)).collect();
                 let others = whitening.apply_rows(&others);
-                Surrogate::new(&effect.axes, &thetas, &z, &others)
+                (Surrogate::new(&effect.axes, &thetas, &z, &others), Likeness::new(&z, &others))
             })
-            .collect();
-        Self { whitening, effects }
+            .unzip();
+        Self { whitening, effects, likeness }
     }
 
     /// Standardises, compresses and whitens one flight.
@@ -74,18 +76,28 @@ impl Library {
         -0.5 * z.norm_squared()
     }
 
-    /// All effects, best first: every one screened, the best `survivors` fitted.
+    /// Log evidence of every effect over none, by how like it the flight is.
+    pub fn likeness(&self, z: &DVector<f64>) -> Vec<f64> {
+        self.likeness.iter().map(|effect| effect.of(z)).collect()
+    }
+
+    /// Log evidence of every effect over none, by its signature at the draws.
+    pub fn evidence(&self, z: &DVector<f64>) -> Vec<f64> {
+        let null = Self::null(z);
+        let of = |(e, effect)| Sufficient::new(effect, z).screen(e).log_z - null;
+        self.effects.iter().enumerate().map(of).collect()
+    }
+
+    /// All effects, the likeliest first: the first `survivors` are fitted, the others screened.
     pub fn explain(&self, z: &DVector<f64>, survivors: usize) -> Vec<Fit> {
-        let prepared: Vec<Sufficient<'_>> =
-            self.effects.iter().map(|s| Sufficient::new(s, z)).collect();
-        let mut fits: Vec<Fit> =
-            prepared.iter().enumerate().map(|(e, suff)| suff.screen(e)).collect();
-        fits.sort_by(|a, b| b.log_z.total_cmp(&a.log_z));
-        let again: Vec<Fit> =
-            fits.iter().take(survivors).map(|fit| prepared[fit.effect].fit(fit.effect)).collect();
-        fits.splice(..again.len(), again);
-        fits.sort_by(|a, b| b.log_z.total_cmp(&a.log_z));
-        fits
+        let evidence = self.likeness(z);
+        let mut order: Vec<usize> = (0..self.effects.len()).collect();
+        order.sort_by(|a, b| evidence[*b].total_cmp(&evidence[*a]));
+        let fit = |(place, effect): (usize, usize)| {
+            let prepared = Sufficient::new(&self.effects[effect], z);
+            if place < survivors { prepared.fit(effect) } else { prepared.screen(effect) }
+        };
+        order.into_iter().enumerate().map(fit).collect()
     }
 
     /// The flight less what a single explanation does.

@@ -2,8 +2,8 @@
 //! out and what is left.
 //!
 //! Synthetic likelihood on statistics that are standardised, compressed and whitened with the
-//! covariance of benign jitter (`whiten`); a surrogate per effect (`surrogate`) and its
-//! evidence (`evidence`); pairs (`pairs`). Every limit comes
+//! covariance of benign jitter (`whiten`). Effects are ranked by how like what they do a flight is (`likeness`); what the likeliest do
+//! is fitted by a surrogate each (`surrogate`, `evidence`), and pairs of them (`pairs`). Every limit comes
 //! from held-out flights (`trials`), that of evidence from its allowance as well (`gate`).
 
 mod ambiguity;
@@ -15,6 +15,7 @@ mod foretold;
 mod gate;
 mod laws;
 mod library;
+mod likeness;
 mod linear;
 mod open_set;
 mod pairs;
@@ -68,7 +69,7 @@ pub struct Settings {
     /// measured: how far apart laws of one effect are (exponential and rational ground effect, rational and tanh drag, play and
     /// dead band) hangs on the flight.
     pub law: f64,
-    /// Effects whose parameters are searched; the others are screened at their draws.
+    /// The likeliest effects, whose parameters are searched, and each of which may be one of a pair; the others are looked at by their draws.
     pub survivors: usize,
     /// Folds of the bank for limits.
     pub folds: usize,
@@ -106,7 +107,7 @@ impl Default for Settings {
             sure: 0.85,
             foretold: 1.0 / 3.0,
             law: 0.5,
-            survivors: 12,
+            survivors: 6,
             folds: 4,
             polished: 8,
             resolution: Vec::new(),

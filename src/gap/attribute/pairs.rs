@@ -1,4 +1,4 @@
-//! Two effects at once: the best six singles, each with every other effect.
+//! Two effects at once: each that was searched, with every other effect.
 //!
 //! Standardised statistics add, compressed ones do not: the signature of a pair is
 //! `c(c⁻¹(m₁) + c⁻¹(m₂))`. Pairs are screened as if the compressed added, the best are fitted
@@ -20,9 +20,6 @@ pub(super) fn relative(gain: f64, first: f64) -> f64 {
 /// Strength of a first effect below which its error is noise, in log evidence.
 const OFFSET: f64 = 10.0;
 
-/// Singles that may be part of a pair with anything.
-const FIRSTS: usize = 6;
-
 /// Two effects and how well they explain a flight.
 #[derive(Debug, Clone)]
 pub(super) struct PairFit {
@@ -38,6 +35,11 @@ pub(super) struct PairFit {
     pub residual: DVector<f64>,
 }
 
+/// Log evidence of the best single.
+pub(super) fn best_single(fits: &[Fit]) -> f64 {
+    fits.iter().map(|fit| fit.log_z).fold(f64::NEG_INFINITY, f64::max)
+}
+
 /// Best pairs, best first; `polished`: how many are fitted jointly.
 pub(super) fn search(
     library: &Library,
@@ -46,7 +48,7 @@ pub(super) fn search(
     polished: usize,
 ) -> Vec<PairFit> {
     let mut screened: Vec<(f64, &Fit, Fit)> = Vec::new();
-    for first in fits.iter().take(FIRSTS) {
+    for first in fits.iter().filter(|fit| fit.is_searched()) {
         let Some(s) = library.effects.get(first.effect) else { continue };
         let rest = z - s.mean(&first.h);
         for (e, second) in library.effects.iter().enumerate() {

@@ -8,7 +8,6 @@ use serde::Serialize;
 use super::evidence::Fit;
 use super::foretold::foretold;
 use super::library::{Library, Part};
-use super::trials::seen_of;
 use super::{Attribution, Attributor};
 
 /// The steps of one flight. Shares are of the gap: the excess of the whitened squared distance.
@@ -41,7 +40,7 @@ impl Attributor {
         let is_cause = |fit: &&Fit| causes.contains(&self.id(fit.effect));
         // All of them are searched: a cause may be far down.
         let fits = library.explain(&z, usize::MAX);
-        let posterior = self.limits.calibration.posterior(&seen_of(&library, &z, &fits).evidence);
+        let posterior = self.limits.calibration.posterior(&library.likeness(&z));
         let cause = fits.iter().find(is_cause);
         let wrong = fits.iter().find(|fit| !is_cause(fit));
         let share = |fit: Option<&Fit>| {

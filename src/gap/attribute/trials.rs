@@ -137,7 +137,7 @@ pub(super) fn limits(
     let gate = Limit::new(&of_bank, &judged, known, louder, settings.false_alarm / 2.0);
     let seen: Vec<&Trial> = trials.iter().filter(|t| gate.gate(&t.seen).open()).collect();
     let named: Vec<Judged> = seen.iter().filter(|t| !t.double).map(|t| t.judged.clone()).collect();
-    let calibration = Calibration::new(&named, settings.coverage);
+    let calibration = Calibration::new(&named);
     let single_gains =
         seen.iter().filter(|t| !t.double).filter_map(|t| t.pair.map(|(gain, _)| gain));
     let second = 1.0 - settings.false_second;
@@ -186,32 +186,30 @@ fn distance(whitening: &Whitening, statistics: &[f64]) -> f64 {
     score(whitening.flight(statistics).norm_squared(), whitening.width())
 }
 
-/// What the gate sees of a flight by whitened numbers and fits.
-pub(super) fn seen_of(library: &Library, z: &DVector<f64>, fits: &[Fit]) -> Seen {
-    let null = Library::null(z);
-    Seen {
-        evidence: by_effect(fits).iter().map(|v| v - null).collect(),
-        distance: score(z.norm_squared(), library.whitening.width()),
-    }
+/// What the gate sees of a flight by whitened numbers.
+pub(super) fn seen_of(library: &Library, z: &DVector<f64>) -> Seen {
+    let distance = score(z.norm_squared(), library.whitening.width());
+    Seen { evidence: library.evidence(z), distance }
 }
 
 fn trial(library: &Library, settings: &Settings, known: &Known) -> Trial {
     let z = library.flight(&known.statistics);
-    let fits = library.explain(&z, settings.survivors);
+    // The best, and the best of the others; what may be one of a pair only where pairs are searched.
+    let fits = library.explain(&z, if known.search { settings.survivors } else { 2 });
     let width = library.whitening.width();
     let best = fits.first();
     let whole = z.norm_squared();
     let leaves = |f: &Fit| features(library.left(&z, f), whole, width);
     let single = best.map_or([0.0; 4], leaves);
     let without = fits.iter().find(|f| f.effect != known.effect).filter(|_| !known.double);
-    let top = best.map_or(f64::NEG_INFINITY, |f| f.log_z);
+    let top = pairs::best_single(&fits);
     let pair =
         known.search.then(|| pairs::search(library, &z, &fits, TRIAL_POLISHED)).and_then(|p| {
             let first = p.first()?;
             let gain = pairs::relative(first.log_z - top, top - Library::null(&z));
             Some((gain, features(first.left, whole, width)))
         });
-    let right = fits.iter().find(|f| f.effect == known.effect && !f.points.is_empty());
+    let right = fits.iter().find(|f| f.effect == known.effect && f.is_searched());
     let errors = match (right, library.effects.get(known.effect)) {
         (Some(fit), Some(s)) if !known.double => s
             .space
@@ -227,27 +225,15 @@ fn trial(library: &Library, settings: &Settings, known: &Known) -> Trial {
             .collect(),
         _ => Vec::new(),
     };
-    let seen = seen_of(library, &z, &fits);
     Trial {
-        judged: Judged { evidence: seen.evidence.clone(), truth: known.effect },
-        seen,
+        judged: Judged { evidence: library.likeness(&z), truth: known.effect },
+        seen: seen_of(library, &z),
         single,
         without: without.map(leaves),
         pair,
         double: known.double,
         errors,
     }
-}
-
-/// Evidences in the order of the bank.
-fn by_effect(fits: &[Fit]) -> Vec<f64> {
-    let mut values = vec![f64::NEG_INFINITY; fits.len()];
-    for fit in fits {
-        if let Some(place) = values.get_mut(fit.effect) {
-            *place = fit.log_z;
-        }
-    }
-    values
 }
 
 /// Held-out flights with one and with two effects.
