@@ -92,6 +92,12 @@ pub(super) fn directions(rows: &DMatrix<f64>, most: usize) -> (Vec<f64>, DMatrix
     (values, basis)
 }
 
+/// The columns of both.
+pub(super) fn joined(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = a.ncols();
+    DMatrix::from_fn(a.nrows(), n + b.ncols(), |i, j| if j < n { a[(i, j)] } else { b[(i, j - n)] })
+}
+
 /// `(1 + diag(d) + U Uᵀ)`: noise of an effect's flights in whitened statistics, prepared for solving.
 #[derive(Debug, Clone)]
 pub(super) struct Noise {

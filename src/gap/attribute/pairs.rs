@@ -4,11 +4,11 @@
 //! `c(c⁻¹(m₁) + c⁻¹(m₂))`. Pairs are screened as if the compressed added, the best are fitted
 //! jointly in both parameters with the exact composition.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
 use super::evidence::{Fit, Sufficient, climb};
 use super::library::{Left, Library};
-use super::linear::Noise;
+use super::linear::{Noise, joined};
 use super::whiten::{compress, expand};
 
 /// Evidence that a second effect adds, relative to the strength of the first: a signature that is
@@ -19,6 +19,9 @@ pub(super) fn relative(gain: f64, first: f64) -> f64 {
 
 /// Strength of a first effect below which its error is noise, in log evidence.
 const OFFSET: f64 = 10.0;
+
+/// Rounds of a joint fit.
+const ROUNDS: usize = 3;
 
 /// Two effects and how well they explain a flight.
 #[derive(Debug, Clone)]
@@ -75,16 +78,7 @@ fn joint(library: &Library, z: &DVector<f64>, first: &Fit, second: &Fit) -> Pair
     let effects = [first.effect, second.effect];
     let [a, b] = effects.map(|e| &library.effects[e]);
     let whitening = &library.whitening;
-    let unwhitened = |q: &DMatrix<f64>| {
-        let columns: Vec<DVector<f64>> =
-            q.column_iter().map(|c| whitening.undo(&c.into_owned())).collect();
-        if columns.is_empty() {
-            DMatrix::zeros(q.nrows(), 0)
-        } else {
-            DMatrix::from_columns(&columns)
-        }
-    };
-    let (qa, qb) = (unwhitened(&a.q), unwhitened(&b.q));
+    let (qa, qb) = (whitening.undo_all(&a.q), whitening.undo_all(&b.q));
     let cut = a.space.len();
     let residual = |u: &[f64]| {
         let (ua, ub) = u.split_at(cut);
@@ -96,29 +90,33 @@ fn joint(library: &Library, z: &DVector<f64>, first: &Fit, second: &Fit) -> Pair
         let (ua, ub) = u.split_at(cut);
         let (la, lb) = (a.level(&a.coordinates(ua)), b.level(&b.coordinates(ub)));
         let d = &a.spread.0 * la + &b.spread.0 * lb;
-        let (left, right) = (&a.spread.1 * la.sqrt(), &b.spread.1 * lb.sqrt());
-        let columns: Vec<_> = left.column_iter().chain(right.column_iter()).collect();
-        let u = if columns.is_empty() {
-            DMatrix::zeros(d.len(), 0)
-        } else {
-            DMatrix::from_columns(&columns)
-        };
-        Noise::new(&d, &u)
+        Noise::new(&d, &joined(&(&a.spread.1 * la.sqrt()), &(&b.spread.1 * lb.sqrt())))
+    };
+    let both = joined(&a.q, &b.q);
+    let coordinates = |u: &[f64]| {
+        let (ua, ub) = u.split_at(cut);
+        let (ha, hb) = (a.coordinates(ua), b.coordinates(ub));
+        DVector::from_iterator(both.ncols(), ha.iter().chain(&hb).copied())
     };
     let mut unit: Vec<f64> = first.unit.iter().chain(&second.unit).copied().collect();
-    let mut last = noise(&unit);
-    for _ in 0..2 {
-        let objective = |u: &[f64]| -0.5 * last.squared(&residual(u));
-        let start = objective(&unit);
-        let found = climb(start, unit.clone(), objective).1;
-        // Nothing else would come of another round.
-        if found == unit {
+    let (mut last, mut rest) = (noise(&unit), residual(&unit));
+    for _ in 0..ROUNDS {
+        // What the exact composition differs by from a sum hardly changes with the parameters: it is held while they are searched.
+        let aim = &rest + &both * coordinates(&unit);
+        let solved = last.solve(&both);
+        let (gram, seen) = (both.tr_mul(&solved), solved.tr_mul(&aim));
+        let objective = |u: &[f64]| {
+            let h = coordinates(u);
+            h.dot(&seen) - 0.5 * h.dot(&(&gram * &h))
+        };
+        let found = climb(objective(&unit), unit.clone(), objective).1;
+        let left = residual(&found);
+        // Nothing else, or nothing better, comes of another round.
+        if last.squared(&left) >= last.squared(&rest) {
             break;
         }
-        unit = found;
-        last = noise(&unit);
+        (last, rest, unit) = (noise(&found), left, found);
     }
-    let rest = residual(&unit);
     let left = Left { squared: last.squared(&rest), peak: last.peak(&rest) };
     let peak = -0.5 * left.squared - 0.5 * last.log_det;
     // What integrating over θ costs, from each effect alone.

@@ -12,7 +12,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::linear::{Noise, directions};
+use super::linear::{Noise, directions, joined};
 use super::theta::Space;
 use crate::bank::axis::Axis;
 
@@ -322,21 +322,16 @@ fn residual_noise(
         .row_iter()
         .map(|r| (r.norm_squared() / size2).clamp(LEVELS[0], LEVELS[LEVELS.len() - 1]))
         .sum();
-    let (values, basis) = directions(left_out, MOST_NOISE_DIRECTIONS);
-    let column = |(k, value): (usize, &f64)| basis.column(k) * (value / weight).sqrt();
-    let mut columns: Vec<DVector<f64>> = values.iter().enumerate().map(column).collect();
-    let low_rank = columns.len();
-    columns.extend(beside.column_iter().map(|column| column.into_owned()));
-    let u = if columns.is_empty() { DMatrix::zeros(p, 0) } else { DMatrix::from_columns(&columns) };
-    let beyond = |j: usize| {
-        let total = left_out.column(j).norm_squared();
-        total / weight - u.columns(0, low_rank).row(j).norm_squared()
-    };
+    let (values, mut own) = directions(left_out, MOST_NOISE_DIRECTIONS);
+    for (mut column, value) in own.column_iter_mut().zip(&values) {
+        column.scale_mut((value / weight).sqrt());
+    }
+    let beyond = |j: usize| left_out.column(j).norm_squared() / weight - own.row(j).norm_squared();
     let raw = DVector::from_fn(p, |j, _| beyond(j).max(0.0));
     let mean = (0..p).map(beyond).sum::<f64>().max(0.0) / p.max(1) as f64;
     // Some forty draws know a variance to a fifth: lean on the mean over the statistics.
     let d = raw.map(|own| 0.5 * (own + mean));
-    (d, u)
+    (d, joined(&own, beside))
 }
 
 #[cfg(test)]

@@ -184,6 +184,11 @@ impl Whitening {
     pub fn undo(&self, z: &DVector<f64>) -> DVector<f64> {
         &self.back * z
     }
+
+    /// The same of columns.
+    pub fn undo_all(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
+        &self.back * columns
+    }
 }
 
 /// Compressed; unknown becomes "as in a null flight".
