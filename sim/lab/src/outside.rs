@@ -91,7 +91,6 @@ impl Outside {
                 theta_90: Vec::new(),
                 explained: 0.0,
                 residual_score: f64::NAN,
-                distance: None,
             })
             .collect();
         Ok(Attribution {

@@ -355,7 +355,6 @@ mod tests {
             theta_90: vec![[0.5, 1.5]],
             explained: 0.0,
             residual_score: 0.0,
-            distance: None,
         };
         Attribution {
             outcome,

@@ -9,8 +9,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::ambiguity::RULED_OUT;
-
 /// Temperatures without a gap that are tried, and what they gain by unit of log evidence.
 const TEMPERATURES: [f64; 9] = [1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 10.0, 16.0, 25.0];
 const GAINS: [f64; 8] = [0.0, 0.01, 0.015, 0.02, 0.03, 0.05, 0.07, 0.1];
@@ -126,19 +124,6 @@ impl Calibration {
     }
 }
 
-/// Effects that together are as probable as `coverage`; those that are ruled out are no help.
-pub(super) fn set(posterior: &[f64], coverage: f64) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..posterior.len()).collect();
-    order.sort_by(|a, b| posterior[*b].total_cmp(&posterior[*a]));
-    let mut sum = 0.0;
-    let inside = order.into_iter().enumerate().take_while(|(k, effect)| {
-        let missing = sum < coverage && posterior[*effect] >= RULED_OUT;
-        sum += posterior[*effect];
-        *k == 0 || missing
-    });
-    inside.map(|(_, effect)| effect).collect()
-}
-
 fn cooled(evidence: &[f64], temperature: Temperature) -> Vec<f64> {
     let top = evidence.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let temperature = temperature.at(top);
@@ -177,10 +162,11 @@ fn isotonic(sorted: &[(f64, f64)]) -> Vec<(f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::attribute::Settings;
     use haltere_model::random::Stream;
 
     #[test]
-    fn prop_overconfident_evidence_is_cooled_and_sets_cover() {
+    fn prop_overconfident_evidence_is_cooled_and_names_by_it_cost_less_than_any_number_of_them() {
         let mut rng = Stream::new(3, "calibrate");
         let mut flights = |count: usize| -> Vec<Judged> {
             let one = |rng: &mut Stream| {
@@ -197,19 +183,25 @@ mod tests {
         // At the mean evidence of the truth.
         let temperature = calibration.temperature.at(24.0);
         assert!((4.0..11.0).contains(&temperature), "{:?}", calibration.temperature);
-        let (mut gap, mut covered, mut size) = (0.0, 0, 0);
+        let costs = Settings::default().costs;
+        let (mut gap, mut cost) = (0.0, [0.0; 4]);
         let test = flights(2000);
         for f in &test {
             let p = calibration.posterior(&f.evidence);
             let (top, value) = largest(&p);
             gap += value - if top == f.truth { 1.0 } else { 0.0 };
-            let set = set(&p, 0.9);
-            covered += usize::from(set.contains(&f.truth));
-            size += set.len();
+            let above = p.iter().filter(|v| **v > p[f.truth]).count();
+            let mut falling = p.clone();
+            falling.sort_by(|a, b| b.total_cmp(a));
+            let own = costs.names(falling.into_iter());
+            for (sum, names) in cost.iter_mut().zip([own, 1, 2, 3]) {
+                let missed = if above < names { 0.0 } else { costs.wrong };
+                *sum += missed + costs.further * (names - 1) as f64;
+            }
         }
         assert!((gap / 2000.0).abs() < 0.05, "{}", gap / 2000.0);
-        assert!((0.87..0.97).contains(&(covered as f64 / 2000.0)), "{covered}");
-        assert!(size < 3 * 2000, "{size}");
+        let [own, fixed @ ..] = cost;
+        assert!(fixed.iter().all(|other| own < 0.95 * other), "{cost:?}");
     }
 
     /// The fault: 5 of 299 held-out flights with large gaps set one temperature of 16, and a small gap whose cause had nine more

@@ -3,9 +3,7 @@
 use nalgebra::DVector;
 use rayon::prelude::*;
 
-use super::ambiguity;
 use super::blocks::Groups;
-use super::calibrate::set;
 use super::evidence::Fit;
 use super::foretold::foretold;
 use super::library::Library;
@@ -18,8 +16,6 @@ use crate::outcome::{Named, Outcome, Remainder};
 
 /// Fewer known statistics than this say nothing.
 const LEAST_STATISTICS: usize = 8;
-/// Rivals whose distance is computed.
-const RIVALS: usize = 8;
 /// A second effect costs at least `log C(53, 2) - log 53` of choice.
 const LEAST_PAIR_GAIN: f64 = 3.3;
 /// Pairs that are reported.
@@ -103,7 +99,7 @@ impl Attributor {
         };
         // Two pairs as likely as one another are no answer: one effect, or none, is named.
         let evidence: Vec<f64> = found.iter().map(|p| p.log_z - null).collect();
-        let sure = limits.calibration.share_of_first(&evidence) >= self.settings.sure;
+        let sure = limits.calibration.share_of_first(&evidence) >= self.settings.costs.alone();
         let alone = case.fits.first().map(|f| case.library.left(&case.z, f));
         found.into_iter().next().filter(|p| {
             let gain = p.log_z - top;
@@ -142,20 +138,12 @@ impl Attributor {
             posterior(b).total_cmp(&posterior(a)).then(b.log_z.total_cmp(&a.log_z))
         });
         let Some(first) = order.first().map(|k| &case.fits[*k]) else { return };
-        let rivals: Vec<usize> =
-            order.iter().skip(1).take(RIVALS).map(|k| case.fits[*k].effect).collect();
-        let merged = if alarm {
-            ambiguity::merged(library, first, &rivals, &case.posterior)
-        } else {
-            Vec::new()
-        };
         let null = Library::null(&case.z);
         result.candidates = order
             .par_iter()
             .map(|k| {
                 let fit = &case.fits[*k];
                 let named = self.named(library, fit, posterior(fit));
-                let apart = merged.iter().find(|(e, _)| *e == fit.effect);
                 let left = library.left(&case.z, fit).squared;
                 Candidate {
                     id: named.id,
@@ -165,7 +153,6 @@ impl Attributor {
                     theta_90: named.theta_90,
                     explained: explained(left, &case.z),
                     residual_score: score(left, width),
-                    distance: apart.map(|(_, d)| *d),
                 }
             })
             .collect();
@@ -194,9 +181,11 @@ impl Attributor {
         // What may have no size is no name, however improbable all others are.
         let space = library.effects.get(first.effect).map(|s| &s.space);
         let sized = !space.is_some_and(|space| space.holds_off(&own.theta_90));
-        let sure = own.probability >= self.settings.sure && merged.is_empty() && sized;
+        let costs = self.settings.costs;
+        let names = costs.names(order.iter().map(|k| posterior(&case.fits[*k])));
+        let sure = own.probability >= costs.alone() && names == 1 && sized;
         // Against a limit of our own world the name of what foretells the gap must be surer.
-        let surer = sure && own.probability >= self.settings.coverage;
+        let surer = sure && own.probability >= 1.0 - costs.beside();
         let believed = foretells && (adequate || surer);
         let residual = match &pair {
             Some(p) => p.residual.clone(),
@@ -212,15 +201,9 @@ impl Attributor {
             // What the simulator lacks of this vehicle is left by its true cause too.
             _ if sure => Outcome::NamedWithRemainder { effect: own, remainder: rest() },
             _ => {
-                let mut set = set(&case.posterior, self.settings.coverage);
-                set.extend(merged.iter().map(|(e, _)| *e));
                 // At least two: one alone is not sure.
-                set.extend(order.get(1).map(|k| case.fits[*k].effect));
-                let inside = order.iter().map(|k| &case.fits[*k]);
-                let effects: Vec<Named> = inside
-                    .filter(|f| set.contains(&f.effect))
-                    .map(|f| self.named(library, f, posterior(f)))
-                    .collect();
+                let named = order.iter().map(|k| &case.fits[*k]).take(names.max(2));
+                let effects = named.map(|f| self.named(library, f, posterior(f))).collect();
                 // However many: what is explained is not missing from the library.
                 Outcome::OneOf { effects }
             }

@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector};
 use super::linear::directions;
 use crate::normal::log_mean_exp;
 
-/// Sizes of an effect, as likely as one another: a draw is anything from hardly seen to twice the mean.
+/// Sizes of an effect, as likely as one another: from hardly seen to twice the mean of the draws (judgement).
 const SIZES: [f64; 5] = [0.1, 0.25, 0.5, 1.0, 2.0];
 
 /// What an effect does, as principal directions.

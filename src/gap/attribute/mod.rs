@@ -6,7 +6,6 @@
 //! is fitted by a surrogate each (`surrogate`, `evidence`), and pairs of them (`pairs`). Every limit comes
 //! from held-out flights (`trials`), that of evidence from its allowance as well (`gate`).
 
-mod ambiguity;
 mod blocks;
 mod calibrate;
 mod decide;
@@ -56,10 +55,8 @@ pub struct Settings {
     pub false_rejection: f64,
     /// Share of flights with one effect that may be given a second.
     pub false_second: f64,
-    /// Share of sets that must hold the truth.
-    pub coverage: f64,
-    /// An effect at least this probable, with no merged rival, is named alone.
-    pub sure: f64,
+    /// What names are chosen by.
+    pub costs: Costs,
     /// Least share of the gap that an effect must foretell, in statistics that its size was not fitted to, for its name to be said. A
     /// third, as chosen of 0.25 to 0.5 on half of the labelled flights of a stranger's vehicle by an earlier measure, and kept: the 36
     /// causes that rank first on two drawn worlds foretell 0.43 and more (docs/GAP_SCORES.md).
@@ -85,6 +82,35 @@ pub struct Settings {
     pub relative: Vec<bool>,
 }
 
+/// What a verdict costs its reader, in one unit: judgement, as the owner of the project stated it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Costs {
+    /// None of the names is right.
+    pub wrong: f64,
+    /// A known effect is not named.
+    pub refusal: f64,
+    /// Every name beside the first.
+    pub further: f64,
+}
+
+impl Costs {
+    /// Least probability of a name beside another: below it, it costs more than it saves.
+    fn beside(self) -> f64 {
+        self.further / self.wrong
+    }
+
+    /// How many of the likeliest effects are named, by their falling probabilities.
+    fn names(self, falling: impl Iterator<Item = f64>) -> usize {
+        1 + falling.skip(1).take_while(|p| *p >= self.beside()).count()
+    }
+
+    /// Least probability of a name alone: below it, a refusal costs less.
+    pub fn alone(self) -> f64 {
+        1.0 - self.refusal / self.wrong
+    }
+}
+
 impl Settings {
     /// Whether a statistic may be used beside these references. What this vehicle does not say, as a board that tells nothing of
     /// its servos, is no gap.
@@ -103,8 +129,7 @@ impl Default for Settings {
             false_alarm: 0.02,
             false_rejection: 0.05,
             false_second: 0.03,
-            coverage: 0.9,
-            sure: 0.85,
+            costs: Costs { wrong: 5.0, refusal: 1.0, further: 0.5 },
             foretold: 1.0 / 3.0,
             law: 0.5,
             survivors: 6,
@@ -135,8 +160,6 @@ pub struct Candidate {
     pub explained: f64,
     /// Normal score of what it leaves unexplained.
     pub residual_score: f64,
-    /// Distance to the best candidate's signature, sigma; below 3.3 the two are not told apart.
-    pub distance: Option<f64>,
 }
 
 /// Two effects as an explanation.

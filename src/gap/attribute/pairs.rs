@@ -20,7 +20,7 @@ pub(super) fn relative(gain: f64, first: f64) -> f64 {
 /// Strength of a first effect below which its error is noise, in log evidence.
 const OFFSET: f64 = 10.0;
 
-/// Rounds of a joint fit.
+/// Most rounds of a joint fit (judgement).
 const ROUNDS: usize = 3;
 
 /// Two effects and how well they explain a flight.

@@ -73,7 +73,6 @@ fn attribution(blocks: &[(&str, f64)]) -> Attribution {
         theta_90: vec![[0.05, 0.15]],
         explained: 0.0,
         residual_score,
-        distance: None,
     };
     Attribution {
         outcome: Outcome::NoMaterialGap,

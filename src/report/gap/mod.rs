@@ -490,9 +490,7 @@ fn why_not(k: usize, c: &Candidate, first: &Candidate) -> String {
         return "best explanation".to_owned();
     }
     let mut why = Vec::new();
-    if let Some(distance) = c.distance {
-        why.push(format!("not told apart: {distance:.1} sigma from the first, 3.3 needed"));
-    } else if c.log_evidence < first.log_evidence - 3.0 {
+    if c.log_evidence < first.log_evidence - 3.0 {
         why.push(format!(
             "explains less: log evidence {:.0} below the first",
             first.log_evidence - c.log_evidence

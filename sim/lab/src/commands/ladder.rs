@@ -110,7 +110,7 @@ fn lost_at(rungs: &Rungs, causes: &[String], settings: &Settings) -> &'static st
         "gate"
     } else if rungs.rank != Some(1) {
         "ranking"
-    } else if rungs.posterior < settings.sure {
+    } else if rungs.posterior < settings.costs.alone() {
         "siblings"
     } else {
         "limits"
