@@ -273,8 +273,8 @@ mod tests {
     use crate::bank::axis::{Axis, Size};
     use haltere_model::random::Stream;
 
-    /// Markov's inequality asks of the gate that a flight without an effect is, on average, as likely by one as by none. Searched at its best
-    /// size it is more likely, and it was 0.27 times as likely by the best draw less two for each parameter, the law before.
+    /// Markov's inequality asks of the gate that a flight without an effect is, on average, as likely by one as by none. By the best draw
+    /// less two for each parameter, the law before for effects that were not searched, it is about a quarter as likely.
     #[test]
     fn prop_evidence_by_the_draws_is_one_on_average_without_an_effect() {
         let p = 12;

@@ -4,9 +4,10 @@
 //! effect = log (1/n) Σ_e Z_e / Z_0 > l log(1/a),   l = max(1, median_i (1/n) Σ_e (q_e·z_i)²)
 //! ```
 //! Z_e: evidence of effect e of n, as likely as one another, the mean of its likelihood over its draws, and Z_0 that of none; a: share of
-//! healthy flights that may raise an alarm. Over flights without an effect the mean of Z_e / Z_0 is one, as nothing is fitted to them, so that no more than a share a exceeds 1/a (Markov's inequality). That holds where
-//! the scatter of healthy flights is known. It is not quite: held-out ones, z_i whitened, are l times as loud in square along q_e, the main
-//! direction of an effect, and log Z_e / Z_0 grows with that square; so its limit does (judgement, by that; not a bound).
+//! healthy flights that may raise an alarm. Over flights without an effect the mean of Z_e / Z_0 is one at most, as nothing is fitted to
+//! them, so that no more than a share a exceeds 1/a (Markov's inequality). That holds where the scatter of healthy flights is known. It is
+//! not quite: held-out ones, z_i whitened, are l times as loud in square along q_e, the main direction of an effect, and log Z_e / Z_0 grows
+//! with that square; so its limit does (judgement, by that; not a bound).
 //!
 //! `distance`: normal score of the squared whitened distance, for what no effect of the library explains. Few flights of the airframe are
 //! less far from their own than others will be: its limit is a prediction limit of that many flights, in hours that differ as other hours
