@@ -479,8 +479,8 @@ fn candidates(html: &mut String, d: &Diagnosis) {
     ];
     *html += &html::titled("Candidates", heads, &rows.collect::<Vec<_>>());
     *html += &html::note(
-        "Log evidence: over no effect at all. Explained: share of the gap on this flight. Left: near 0 when nothing is. \
-         Closes elsewhere: share of the gap that it closes on flights that it was not fitted to.",
+        "Probability: by how like what it does the flight is. Log evidence: of its fit, over no effect. Explained: share of the gap here. \
+         Left: near 0 when nothing is. Closes elsewhere: share of the gap that it closes on flights that it was not fitted to.",
     );
 }
 
@@ -496,7 +496,7 @@ fn why_not(k: usize, c: &Candidate, first: &Candidate) -> String {
             first.log_evidence - c.log_evidence
         ));
     } else if c.posterior < first.posterior {
-        why.push("less probable, yet not far behind".to_owned());
+        why.push("the flight is less like what it does".to_owned());
     }
     if c.residual_score > first.residual_score + 3.0 {
         why.push(format!("leaves {:.0} sigma more", c.residual_score - first.residual_score));
