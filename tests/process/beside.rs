@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use haltere_dialect::mav::haltere::{HEARTBEAT_DATA, MavMessage, MavType};
 use haltere_dialect::mav_stream;
 
-use super::support::{Ended, companion, in_real_time, program, wait};
+use super::support::{Ended, companion, hall, in_real_time, program, wait};
 
 const LIMIT: Duration = Duration::from_secs(90);
 
@@ -37,13 +37,7 @@ fn serve(dir: &Path, args: &[&str]) -> (Running, serde_json::Value) {
 
 /// The companion of a simulator; `more` is added to its configuration. What it says goes to `said.txt`.
 fn fly(dir: &Path, sim: &serde_json::Value, more: &str) -> Running {
-    let mut anchors = String::from("frame = \"ned\"\n");
-    for i in 0..8 {
-        let at = |bit: i32, far: &'static str| if i & bit != 0 { far } else { "0.0" };
-        let [x, y, z] = [at(1, "10.0"), at(2, "10.0"), at(4, "-7.0")];
-        anchors += &format!("[[anchor]]\nid = {i}\nposition_m = [{x}, {y}, {z}]\n");
-    }
-    std::fs::write(dir.join("anchors.toml"), anchors).unwrap();
+    std::fs::write(dir.join("anchors.toml"), hall()).unwrap();
     let config = format!(
         "[tag]\nport = {}\n[board]\naddress = {}\n[anchors]\nfile = \"anchors.toml\"\n\
          [flight]\ngear_height_m = 0.12\n[estimator]\nrest_height_m = 0.12\n[store]\ndirectory = \"\"\n{more}\n",

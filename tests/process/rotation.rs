@@ -12,7 +12,7 @@ use haltere_dialect::mav::haltere::{MavCmd, MavMessage};
 use haltere_log::record::{Decoded, Entry, LogEnd, LogReader};
 use haltere_model::Vehicle;
 
-use super::support::{companion, in_real_time, program, root, wait};
+use super::support::{companion, hall, in_real_time, program, wait};
 
 const LIMIT: Duration = Duration::from_secs(120);
 /// Stations hear a heartbeat a second; the pause between two cores must stay below another one.
@@ -41,10 +41,10 @@ fn endpoint() -> (Running, serde_json::Value) {
 fn configure(dir: &Path, told: &serde_json::Value, port: u16) -> PathBuf {
     let gear_m = Vehicle::default().body.gear_m;
     let file = dir.join("haltere.toml");
-    let anchors = root().join("config/anchors.toml").display().to_string();
+    std::fs::write(dir.join("anchors.toml"), hall()).unwrap();
     let config = format!(
         "[tag]\nport = {}\nprotocol = {}\n[board]\naddress = {}\n[ground]\nendpoints = [\"udpout:127.0.0.1:{port}\"]\n\
-         [anchors]\nfile = \"{anchors}\"\n[flight]\ngear_height_m = {gear_m:?}\n[estimator]\nrest_height_m = {gear_m:?}\n\
+         [anchors]\nfile = \"anchors.toml\"\n[flight]\ngear_height_m = {gear_m:?}\n[estimator]\nrest_height_m = {gear_m:?}\n\
          [record]\ndirectory = \"{dir}/log\"\nrotate_mb = 1.5\n[store]\ndirectory = \"{dir}/state\"\n",
         // JSON's strings are TOML's too.
         told["tag"],

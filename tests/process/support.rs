@@ -184,3 +184,14 @@ fn ends_within(child: &mut Child, limit: Duration) -> Option<std::process::ExitS
     }
     None
 }
+
+/// The survey of the hall that `haltere-sim serve` flies in without a scenario.
+pub fn hall() -> String {
+    let mut anchors = String::from("frame = \"ned\"\n");
+    for i in 0..8 {
+        let at = |bit: i32, far: &'static str| if i & bit != 0 { far } else { "0.0" };
+        let [x, y, z] = [at(1, "10.0"), at(2, "10.0"), at(4, "-7.0")];
+        anchors += &format!("[[anchor]]\nid = {i}\nposition_m = [{x}, {y}, {z}]\n");
+    }
+    anchors
+}
