@@ -3,7 +3,7 @@
 //! `ρ_n -> ρ_n + b` on its path to the tag (m), everywhere alike. Size by judgement: 0.08 to 0.35 m.
 
 use crate::effects::{
-    Block, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::tag::air::Packet;
 
@@ -15,15 +15,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[
         ParameterSpec::new("bias", "m", Kind::Component, 0.0, 0.2, [-0.35, 0.35], "bias")
             .ways("too short", "too long"),
-        ParameterSpec::new(
-            "anchor",
-            "",
-            Kind::Which(Choice::Anchor("bias")),
-            0.0,
-            0.0,
-            [0.0, 7.0],
-            "place of the anchor in the survey, ascending id",
-        ),
+        ParameterSpec::anchor("bias"),
     ],
     off: "antenna delays calibrated",
     source: "plausible sizes by judgement",
@@ -39,21 +31,25 @@ pub const SPEC: EffectSpec = EffectSpec {
         apart: "A wrong place in the survey (U7) shows otherwise in every direction, a drift (U8) \
             grows: fly the square along the walls, or measure the anchor's place by tape.",
     }),
-    build: |b| Box::new(AnchorBias { bias_m: b.value[0], anchor: b.value[1] as usize }),
+    build: |b| {
+        Box::new(LongerPath { bias_m: b.value[0], rate_mps: 0.0, anchor: b.value[1] as usize })
+    },
 };
 
-struct AnchorBias {
-    bias_m: f64,
-    anchor: usize,
+/// One anchor's path to the tag is longer, and grows.
+pub(super) struct LongerPath {
+    pub bias_m: f64,
+    pub rate_mps: f64,
+    pub anchor: usize,
 }
 
-impl Effect for AnchorBias {
+impl Effect for LongerPath {
     fn stages(&self) -> &'static [Stage] {
         &[Stage::Air]
     }
-    fn air(&mut self, _s: &State, packet: &mut Packet) {
+    fn air(&mut self, s: &State, packet: &mut Packet) {
         if packet.from == self.anchor {
-            packet.tag_extra_m += self.bias_m;
+            packet.tag_extra_m += self.bias_m + self.rate_mps * s.t_s;
         }
     }
 }

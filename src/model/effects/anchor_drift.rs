@@ -2,10 +2,8 @@
 //!
 //! `ρ_n -> ρ_n + ḃ t` (m), `t` time (s). Size by judgement: 2 to 10 mm/s ramp.
 
-use crate::effects::{
-    Block, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
-};
-use crate::tag::air::Packet;
+use crate::effects::anchor_bias::LongerPath;
+use crate::effects::{Block, Deviation, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -15,15 +13,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[
         ParameterSpec::new("rate", "mm/s", Kind::Component, 0.0, 5.0, [-10.0, 10.0], "growth")
             .ways("and get shorter", "and get longer"),
-        ParameterSpec::new(
-            "anchor",
-            "",
-            Kind::Which(Choice::Anchor("drift")),
-            0.0,
-            0.0,
-            [0.0, 7.0],
-            "place of the anchor in the survey, ascending id",
-        ),
+        ParameterSpec::anchor("drift"),
     ],
     off: "anchors steady",
     source: "plausible sizes by judgement",
@@ -39,24 +29,14 @@ pub const SPEC: EffectSpec = EffectSpec {
         apart: "Hover a minute at one point: a drift grows, a wrong place (U7) and a bias (U2) \
             stay.",
     }),
-    build: |b| Box::new(AnchorDrift { rate_mps: b.value[0] * 1e-3, anchor: b.value[1] as usize }),
+    build: |b| {
+        Box::new(LongerPath {
+            bias_m: 0.0,
+            rate_mps: b.value[0] * 1e-3,
+            anchor: b.value[1] as usize,
+        })
+    },
 };
-
-struct AnchorDrift {
-    rate_mps: f64,
-    anchor: usize,
-}
-
-impl Effect for AnchorDrift {
-    fn stages(&self) -> &'static [Stage] {
-        &[Stage::Air]
-    }
-    fn air(&mut self, s: &State, packet: &mut Packet) {
-        if packet.from == self.anchor {
-            packet.tag_extra_m += self.rate_mps * s.t_s;
-        }
-    }
-}
 
 #[cfg(test)]
 mod tests {

@@ -5,9 +5,7 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{
-    Block, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
-};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -29,15 +27,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             "towards the floor",
         )
         .ways("higher", "lower"),
-        ParameterSpec::new(
-            "anchor",
-            "",
-            Kind::Which(Choice::Anchor("place")),
-            0.0,
-            0.0,
-            [0.0, 7.0],
-            "place of the anchor in the survey, ascending id",
-        ),
+        ParameterSpec::anchor("place"),
     ],
     off: "anchors where the survey says",
     source: "plausible sizes by judgement",

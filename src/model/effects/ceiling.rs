@@ -14,16 +14,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Aerodynamics,
     parameters: &[
         ParameterSpec::new("gain", "", Kind::Size, 0.0, 0.12, [0.05, 0.2], "gain at the ceiling"),
-        ParameterSpec::new(
-            "length",
-            "m",
-            Kind::Shape,
-            0.3,
-            0.3,
-            [0.1, 0.6],
-            "length of decay; goes with the wing",
-        )
-        .beside(|v| v.wings.centre_m),
+        ParameterSpec::decay(0.3, [0.1, 0.6]),
     ],
     off: "no ceiling",
     source: "plausible sizes by judgement",

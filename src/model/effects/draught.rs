@@ -6,8 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Axis, Block, Build, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage,
-    State,
+    Block, Build, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -17,24 +16,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Aerodynamics,
     parameters: &[
         ParameterSpec::new("speed", "m/s", Kind::Size, 0.0, 0.6, [0.25, 1.0], "in the middle"),
-        ParameterSpec::new(
-            "north",
-            "m",
-            Kind::Where(Axis::North),
-            5.0,
-            5.0,
-            [0.0, 10.0],
-            "middle, from the origin",
-        ),
-        ParameterSpec::new(
-            "east",
-            "m",
-            Kind::Where(Axis::East),
-            5.0,
-            5.0,
-            [0.0, 10.0],
-            "middle, from the origin",
-        ),
+        ParameterSpec::north(5.0, "middle, from the origin"),
+        ParameterSpec::east(5.0, "middle, from the origin"),
         ParameterSpec::new("size", "m", Kind::Shape, 0.8, 0.8, [0.4, 1.5], "half width"),
         ParameterSpec::new(
             "towards",

@@ -4,8 +4,8 @@
 //! minute or by place.
 
 use crate::effects::{
-    AttitudeError, Axis, Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
-    Stage, State,
+    AttitudeError, Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage,
+    State,
 };
 
 /// Entry in the list.
@@ -29,24 +29,8 @@ pub const SPEC: EffectSpec = EffectSpec {
             "anticlockwise at the place {north} and {east} of the origin",
             "clockwise at the place {north} and {east} of the origin",
         ),
-        ParameterSpec::new(
-            "north",
-            "m",
-            Kind::Where(Axis::North),
-            5.0,
-            5.0,
-            [0.0, 10.0],
-            "place of the steel",
-        ),
-        ParameterSpec::new(
-            "east",
-            "m",
-            Kind::Where(Axis::East),
-            5.0,
-            5.0,
-            [0.0, 10.0],
-            "place of the steel",
-        ),
+        ParameterSpec::north(5.0, "place of the steel"),
+        ParameterSpec::east(5.0, "place of the steel"),
         ParameterSpec::new(
             "size",
             "m",

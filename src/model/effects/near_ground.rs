@@ -20,16 +20,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             "further gain at the floor",
         )
         .ways("less", "more"),
-        ParameterSpec::new(
-            "length",
-            "m",
-            Kind::Shape,
-            0.25,
-            0.25,
-            [0.1, 0.4],
-            "length of decay; goes with the wing",
-        )
-        .beside(|v| v.wings.centre_m),
+        ParameterSpec::decay(0.25, [0.1, 0.4]),
     ],
     off: "ground effect of the vehicle file",
     source: "plausible sizes by judgement",

@@ -4,8 +4,7 @@
 //! //! 0.15 to 0.8 m on one anchor, plus variance.
 
 use crate::effects::{
-    Axis, Block, Build, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
-    Stage, State,
+    Block, Build, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::random::Stream;
 use crate::tag::air::Packet;
@@ -18,33 +17,9 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[
         ParameterSpec::new("bias", "m", Kind::Size, 0.0, 0.4, [0.15, 0.8], "added path"),
         ParameterSpec::new("std", "m", Kind::Size, 0.0, 0.1, [0.0, 0.3], "added noise"),
-        ParameterSpec::new(
-            "anchor",
-            "",
-            Kind::Which(Choice::Anchor("zone")),
-            0.0,
-            0.0,
-            [0.0, 7.0],
-            "place of the anchor in the survey, ascending id",
-        ),
-        ParameterSpec::new(
-            "north",
-            "m",
-            Kind::Where(Axis::North),
-            6.0,
-            6.0,
-            [0.0, 10.0],
-            "middle of the zone",
-        ),
-        ParameterSpec::new(
-            "east",
-            "m",
-            Kind::Where(Axis::East),
-            6.0,
-            6.0,
-            [0.0, 10.0],
-            "middle of the zone",
-        ),
+        ParameterSpec::anchor("zone"),
+        ParameterSpec::north(6.0, "middle of the zone"),
+        ParameterSpec::east(6.0, "middle of the zone"),
         ParameterSpec::new(
             "size",
             "m",

@@ -3,11 +3,8 @@
 //! Independent noise is added to that of N15 so that the standard deviation of every reception becomes `x σ`. Size by judgement:
 //! 1.4 to 3 times.
 
-use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
-};
-use crate::random::Stream;
-use crate::tag::air::Packet;
+use crate::effects::receive_noise::ReceiveNoise;
+use crate::effects::{Block, Deviation, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -50,29 +47,12 @@ pub const SPEC: EffectSpec = EffectSpec {
         apart: "Noise is always there, outliers (U10) come in bursts.",
     }),
     build: |b| {
-        Box::new(NoiseLevel {
+        Box::new(ReceiveNoise {
             std_m: b.value[1] * (b.value[0].powi(2) - 1.0).max(0.0).sqrt(),
             rng: b.rng,
         })
     },
 };
-
-struct NoiseLevel {
-    std_m: f64,
-    rng: Stream,
-}
-
-impl Effect for NoiseLevel {
-    fn stages(&self) -> &'static [Stage] {
-        &[Stage::Air]
-    }
-    fn air(&mut self, _s: &State, packet: &mut Packet) {
-        packet.tag_extra_m += self.std_m * self.rng.normal();
-        for hop in packet.anchor_hops() {
-            hop.extra_m += self.std_m * self.rng.normal();
-        }
-    }
-}
 
 #[cfg(test)]
 mod tests {

@@ -30,9 +30,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     build: |b| Box::new(ReceiveNoise { std_m: b.value[0], rng: b.rng }),
 };
 
-struct ReceiveNoise {
-    std_m: f64,
-    rng: Stream,
+/// White noise at every reception.
+pub(super) struct ReceiveNoise {
+    pub std_m: f64,
+    pub rng: Stream,
 }
 
 impl Effect for ReceiveNoise {

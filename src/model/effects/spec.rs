@@ -235,6 +235,29 @@ impl ParameterSpec {
         }
     }
 
+    /// Which anchor; `slot`: what the anchor is told by.
+    pub const fn anchor(slot: &'static str) -> Self {
+        let doc = "place of the anchor in the survey, ascending id";
+        Self::new("anchor", "", Kind::Which(Choice::Anchor(slot)), 0.0, 0.0, [0.0, 7.0], doc)
+    }
+
+    /// A place along north, in a room of 10 m (m).
+    pub const fn north(default: f64, doc: &'static str) -> Self {
+        Self::new("north", "m", Kind::Where(Axis::North), default, default, [0.0, 10.0], doc)
+    }
+
+    /// The same along east.
+    pub const fn east(default: f64, doc: &'static str) -> Self {
+        Self::new("east", "m", Kind::Where(Axis::East), default, default, [0.0, 10.0], doc)
+    }
+
+    /// Length over which what the air does to the wings fades (m).
+    pub const fn decay(default: f64, range: [f64; 2]) -> Self {
+        let doc = "length of decay; goes with the wing";
+        Self::new("length", "m", Kind::Shape, default, default, range, doc)
+            .beside(|v| v.wings.centre_m)
+    }
+
     /// What lies below "off" and above it is said so.
     pub const fn ways(mut self, below: &'static str, above: &'static str) -> Self {
         self.ways = Some([below, above]);
