@@ -19,7 +19,7 @@ use crate::flight::statistics::{specs, statistics_of};
 use crate::flight::trace::Trace;
 use crate::nominal::Nominal;
 use crate::scene::{Scene, Told};
-use crate::shrink::resize::resize;
+use crate::shrink::resize::{Off, resize};
 use crate::shrink::{
     Paired, Shrink, by_channel, efficiency, medians, scales, shrink, wrong_effects,
 };
@@ -84,7 +84,7 @@ pub fn resize_all(
     for (k, explanation) in explanations.iter_mut().enumerate() {
         let share = match &explanation.effects[..] {
             [(spec, theta)] => {
-                let sized = resize(|e| model.left(fitted_on, e), model.vehicle(), spec, theta);
+                let sized = resize(|e| model.off(fitted_on, e), model.vehicle(), spec, theta);
                 let share = sized.as_ref().map_or(0.0, |(share, _)| *share);
                 explanation.effects = sized.map(|(_, theta)| (*spec, theta)).into_iter().collect();
                 share
@@ -327,6 +327,12 @@ impl<'a> HeldOut<'a> {
         let left = crate::shrink::to_all(real, &flights, &self.scales);
         // Effects that cannot be flown explain nothing.
         if left.is_finite() { left } else { f64::INFINITY }
+    }
+
+    /// How far flights of the model with these effects are from a real one; a few flights, for a search.
+    pub fn off(&self, real: &[f64], effects: &[(&EffectSpec, &[f64])]) -> Off {
+        let mean = self.mean(effects).into_iter().zip(self.standardised(real));
+        Off { mean: mean.map(|(m, r)| m - r).collect(), distance: self.left(real, effects) }
     }
 
     /// Distance of a held-out flight before and after.

@@ -100,7 +100,7 @@ pub(super) fn shrunk(
             continue;
         }
         let flown = |spec: &EffectSpec, theta: &[f64]| -> (Paired, bool) {
-            match resize(|e| fit.left(diagnosed, e), fit.vehicle(), spec, theta) {
+            match resize(|e| fit.off(diagnosed, e), fit.vehicle(), spec, theta) {
                 Some((_, theta)) => (model.paired(real, &[(spec, &theta)]), true),
                 None => (model.paired(real, &[]), false),
             }
