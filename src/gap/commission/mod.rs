@@ -6,7 +6,8 @@
 //!
 //! **Method.** Indirect inference (Gouriéroux, Monfort and Renault 1993): real and simulated flights of one mission are observed alike,
 //! and the constants are those with which the means of their statistics agree. Slopes are central differences of simulated flights
-//! with the same seeds; [`solve`] makes the step, with the file as prior; a step is taken as far as flights at its end are nearer. The
+//! with the same seeds; [`solve`] makes the step, with the file as prior; a step is taken as far as flights at its end are nearer. There
+//! slopes are those that the step would have foretold, and anew where it led beyond the flights that they were taken from. The
 //! nominal chain that residuals are formed with follows the constants, so that a statistic near zero stays a sharp one.
 //!
 //! **What flights do not show** stays as the file says: a constant of which they leave more than [`solve::SHOWN`] of its prior's sigma.
@@ -30,7 +31,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -54,8 +55,8 @@ pub use kept::{Fitted, Moved, begun_with, fitted};
 
 /// Fewest accepted flights: of fewer the spread from flight to flight is not known (as for a diagnosis).
 pub const LEAST_FLIGHTS: usize = 8;
-/// Slopes are taken this often, each time where the last step ended: the first step crosses most of the way, the third is within
-/// its noise (on simulated vehicles whose constants were moved by 15 %).
+/// Steps, and one more: the first crosses most of the way, the third is within its noise (on simulated vehicles whose constants were
+/// moved by 15 %).
 const ROUNDS: usize = 3;
 /// Simulated flights that a mean and its spread are of.
 const MEAN_FLIGHTS: usize = 24;
@@ -213,7 +214,7 @@ fn commission_by(hand: &Hand<'_>, accepted: &[&Trace]) -> Result<Commissioned, N
     for _ in 1..ROUNDS {
         let posterior = line.evidence().solve();
         let Some(better) = line.step(hand, &posterior) else { break };
-        line = Linear::at(hand, &better, accepted)?;
+        line = line.moved_to(hand, &better, accepted)?;
     }
     let posterior = line.evidence().solve_shown();
     let mut vehicle = hand.moved(&posterior.at);
@@ -268,7 +269,8 @@ impl<'a> Hand<'a> {
         progress: &'a (dyn Fn(usize, usize) + Sync),
     ) -> Self {
         let slopes = 2 * SLOPE_FLIGHTS * constants.len();
-        let of = ROUNDS * (MEAN_FLIGHTS + slopes) + crossed::flights(accepted);
+        // Of the constants a fifth moves far enough to have its slope taken anew (drawn worlds).
+        let of = ROUNDS * MEAN_FLIGHTS + slopes + slopes / 5 + crossed::flights(accepted);
         let (done, least, pairs) = (AtomicUsize::new(0), LEAST_FLIGHTS, SLOPE_FLIGHTS);
         let flown = Arc::default();
         Self { constants, scene, items, done, of, least, pairs, flown, progress }
@@ -387,30 +389,81 @@ impl Linear {
         }
     }
 
+    /// There, with slopes of flights about it.
     fn at(hand: &Hand<'_>, at: &[f64], accepted: &[&Trace]) -> Result<Self, NotCommissioned> {
+        let (mut line, rows) = Self::beside(hand, at, accepted, |_| true)?;
+        let all: Vec<usize> = (0..hand.constants.len()).collect();
+        line.slopes = slopes(hand, &line, &rows, &all);
+        Ok(line)
+    }
+
+    /// There, with the slopes of here as the step shows them ([`solve::carried`]); of constants that it took beyond the interval over which their slope was
+    /// taken, with new ones.
+    fn moved_to(
+        &self,
+        hand: &Hand<'_>,
+        at: &[f64],
+        accepted: &[&Trace],
+    ) -> Result<Self, NotCommissioned> {
+        let known = |j: &usize| self.places.binary_search(j).is_ok();
+        let (mut line, rows) = Self::beside(hand, at, accepted, known)?;
+        let kept: Vec<usize> =
+            line.places.iter().filter_map(|j| self.places.binary_search(j).ok()).collect();
+        let step = DVector::from_fn(at.len(), |k, _| at[k] - self.at[k]);
+        let [was, is] = [self.evidence().off, line.evidence().off];
+        let mean_by_chance = |of: &Self, place| {
+            let rows: Vec<&Vec<f64>> = of.simulated.iter().collect();
+            moments(&rows, place)[1] / rows.len() as f64
+        };
+        let taken: Vec<[f64; 2]> = kept
+            .iter()
+            .enumerate()
+            .map(|(place, before)| {
+                let chance = mean_by_chance(self, *before) + mean_by_chance(&line, place);
+                [was[*before] - is[place], chance]
+            })
+            .collect();
+        line.slopes = solve::carried(self.slopes.select_rows(&kept), &step, &taken, SLOPE_ERROR);
+        let beyond: Vec<usize> = (0..at.len()).filter(|k| step[*k].abs() > SLOPE_SIGMAS).collect();
+        let anew = slopes(hand, &line, &rows, &beyond);
+        for (column, k) in anew.column_iter().zip(&beyond) {
+            line.slopes.set_column(*k, &column);
+        }
+        Ok(line)
+    }
+
+    /// Flights beside one another there, without slopes; `of_use`: statistics that may be used. With what the simulated ones say of all.
+    fn beside(
+        hand: &Hand<'_>,
+        at: &[f64],
+        accepted: &[&Trace],
+        of_use: impl Fn(&usize) -> bool,
+    ) -> Result<(Self, Vec<Vec<f64>>), NotCommissioned> {
         let vehicle = hand.moved(at);
         let nominal = hand.nominal(&vehicle);
         let real = observed(accepted, hand.least, &nominal)?;
         let jobs: Vec<_> = seeds(MEAN_FLIGHTS).into_iter().map(|seed| (&vehicle, seed)).collect();
         let flown = hand.fly(&jobs, &nominal, false).into_iter().zip(jobs);
-        let (seeds, simulated): (Vec<u64>, Vec<Vec<f64>>) =
+        let (seeds, rows): (Vec<u64>, Vec<Vec<f64>>) =
             flown.filter_map(|(row, (_, seed))| Some((seed, row?))).unzip();
-        if simulated.len() < LEAST_FLOWN {
-            return Err(NotCommissioned::NotFlown { flown: simulated.len() });
+        if rows.len() < LEAST_FLOWN {
+            return Err(NotCommissioned::NotFlown { flown: rows.len() });
         }
         let known = |j: &usize| {
             let of = |row: &Vec<f64>| row[*j];
-            let first = of(&simulated[0]);
+            let first = of(&rows[0]);
             // One that never varies says nothing, and would say it without end.
             !specs()[*j].relative
-                && real.iter().chain(&simulated).all(|row| of(row).is_finite())
-                && simulated.iter().any(|row| (of(row) - first).abs() > NEGLIGIBLE * first.abs())
+                && real.iter().chain(&rows).all(|row| of(row).is_finite())
+                && rows.iter().any(|row| (of(row) - first).abs() > NEGLIGIBLE * first.abs())
         };
-        let places: Vec<usize> = (0..specs().len()).filter(known).collect();
-        let slopes = slopes(hand, at, &nominal, &places, &seeds, &simulated);
-        let [real, simulated] = [real, simulated]
-            .map(|rows| rows.iter().map(|row| places.iter().map(|j| row[*j]).collect()).collect());
-        Ok(Self { nominal, at: at.to_vec(), places, real, simulated, seeds, slopes })
+        let places: Vec<usize> = (0..specs().len()).filter(|j| of_use(j) && known(j)).collect();
+        let of_places = |rows: &[Vec<f64>]| {
+            rows.iter().map(|row| places.iter().map(|j| row[*j]).collect()).collect()
+        };
+        let (real, simulated) = (of_places(&real), of_places(&rows));
+        let slopes = DMatrix::zeros(places.len(), hand.constants.len());
+        Ok((Self { nominal, at: at.to_vec(), places, real, simulated, seeds, slopes }, rows))
     }
 
     /// What all accepted flights show.
@@ -506,32 +559,25 @@ fn observed(
 
 /// Slopes of the statistics on the constants, from pairs of flights with the same seed. What pairs differ by among one another makes a
 /// slope smaller, to nothing where it is no larger than that (James and Stein 1961, one by one).
-fn slopes(
-    hand: &Hand<'_>,
-    at: &[f64],
-    nominal: &Nominal,
-    places: &[usize],
-    seeds: &[u64],
-    middle: &[Vec<f64>],
-) -> DMatrix<f64> {
+fn slopes(hand: &Hand<'_>, line: &Linear, middle: &[Vec<f64>], of: &[usize]) -> DMatrix<f64> {
+    let Linear { at, nominal, places, seeds, .. } = line;
     let seeds = &seeds[..hand.pairs.min(seeds.len())];
     let (file, constants) = (&hand.scene.vehicle, hand.constants);
-    let vehicles: Vec<[Vehicle; 2]> = (0..constants.len())
-        .map(|k| {
-            [SLOPE_SIGMAS, -SLOPE_SIGMAS].map(|by| {
-                let mut there = at.to_vec();
-                there[k] += by;
-                hand.moved(&there)
-            })
-        })
-        .collect();
+    let there = |k: usize, by: f64| {
+        let mut there = at.clone();
+        there[k] += by;
+        hand.moved(&there)
+    };
+    let vehicles: Vec<[Vehicle; 2]> =
+        of.iter().map(|k| [SLOPE_SIGMAS, -SLOPE_SIGMAS].map(|by| there(*k, by))).collect();
     let jobs: Vec<(&Vehicle, u64)> = vehicles
         .iter()
         .flat_map(|pair| seeds.iter().flat_map(move |seed| pair.iter().map(move |v| (v, *seed))))
         .collect();
     let rows = hand.fly(&jobs, nominal, false);
-    let mut slopes = DMatrix::zeros(places.len(), constants.len());
-    for (k, (flown, vehicles)) in rows.chunks(2 * seeds.len()).zip(&vehicles).enumerate() {
+    let mut slopes = DMatrix::zeros(places.len(), of.len());
+    for (column, (flown, vehicles)) in rows.chunks(2 * seeds.len()).zip(&vehicles).enumerate() {
+        let k = of[column];
         let sigmas =
             [0, 1].map(|side| constants[k].sigmas(file, constants[k].value(&vehicles[side])));
         // Where one side is not flown to its end, the middle stands for it.
@@ -558,7 +604,8 @@ fn slopes(
             let mean = differences.iter().sum::<f64>() / n;
             let square =
                 differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n * (n - 1.0));
-            slopes[(place, k)] = mean * (1.0 - square / (mean * mean + f64::MIN_POSITIVE)).max(0.0);
+            slopes[(place, column)] =
+                mean * (1.0 - square / (mean * mean + f64::MIN_POSITIVE)).max(0.0);
         }
     }
     slopes

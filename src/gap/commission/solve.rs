@@ -157,6 +157,28 @@ impl Evidence {
     }
 }
 
+/// Slopes `J` after a step `s` that took `Δd` off the differences, `taken` with the variance `r` of that: along the step they become those
+/// that foretell it (Broyden 1965), by the share of it that is not chance (Kalman 1960).
+///
+/// `J' = J + e² (Δd - J s) sᵀ / (e² |s|² + r)`, `e = error ‖J‖ |s|`: `error` is the share of a slope that changes within a sigma.
+pub fn carried(
+    mut slopes: DMatrix<f64>,
+    step: &DVector<f64>,
+    taken: &[[f64; 2]],
+    error: f64,
+) -> DMatrix<f64> {
+    let length = step.norm_squared();
+    for (mut slope, [taken, chance]) in slopes.row_iter_mut().zip(taken) {
+        let missed = taken - slope.transpose().dot(step);
+        let error = (error * slope.norm()).powi(2) * length;
+        let gain = error / (error * length + chance);
+        if gain.is_finite() {
+            slope += step.transpose() * (gain * missed);
+        }
+    }
+    slopes
+}
+
 /// Share of each group's statistics that is news, from flights that differ by chance alone: `(Σ λ)² / Σ λ²` of their correlations
 /// (participation ratio) over their number, less what so few flights correlate by themselves.
 pub fn news(rows: &[Vec<f64>], group: &[usize]) -> Vec<f64> {
@@ -237,6 +259,20 @@ mod tests {
         }
         let share = f64::from(inside as u32) / f64::from(count);
         assert!((0.84..=0.96).contains(&share), "{share} of 0.90");
+    }
+
+    #[test]
+    fn prop_slopes_follow_a_step_along_it_alone_and_not_its_noise() {
+        let slopes = DMatrix::from_row_slice(3, 2, &[1.0, 2.0, 1.0, 2.0, 0.0, 0.0]);
+        let (step, across) = (DVector::repeat(2, 1.0), DVector::from_vec(vec![1.0, -1.0]));
+        // The step was to take three off: it took four, in the second by chance; nothing moves the third.
+        let taken = [[4.0, 0.0], [4.0, 1e6], [4.0, 0.0]];
+        let after = carried(slopes.clone(), &step, &taken, 0.05);
+        let wanted = DVector::from_vec(vec![4.0, 3.0, 0.0]);
+        assert!((&after * &step - wanted).norm() < 1e-3, "{after}");
+        assert!((&after * &across - &slopes * &across).norm() < 1e-9, "{after}");
+        let stood = carried(slopes.clone(), &DVector::zeros(2), &[[0.1, 1.0]; 3], 0.05);
+        assert_eq!(stood, slopes);
     }
 
     #[test]
