@@ -1,39 +1,17 @@
 //! Two simulators and two companions on one computer: none flies the other's vehicle.
 
 use std::fs::File;
-use std::io::{BufRead as _, BufReader};
 use std::net::UdpSocket;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use haltere_dialect::mav::haltere::{HEARTBEAT_DATA, MavMessage, MavType};
 use haltere_dialect::mav_stream;
 
-use super::support::{Ended, companion, hall, in_real_time, program, wait};
+use super::support::{Ended, Running, companion, hall, in_real_time, program, serve};
 
 const LIMIT: Duration = Duration::from_secs(90);
-
-/// A program that ends with the test.
-struct Running(Child);
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        let _ = Command::new("kill").args(["-TERM", &self.0.id().to_string()]).status();
-        wait(&mut self.0, LIMIT);
-    }
-}
-
-/// `haltere-sim serve` with these arguments, and its first line. What it says goes to `sim.txt`.
-fn serve(dir: &Path, args: &[&str]) -> (Running, serde_json::Value) {
-    let mut command = Command::new(program());
-    command.arg("serve").args(args).current_dir(dir).stdin(Stdio::null()).stdout(Stdio::piped());
-    command.stderr(File::create(dir.join("sim.txt")).unwrap());
-    let mut child = command.spawn().unwrap();
-    let mut line = String::new();
-    BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-    (Running(child), serde_json::from_str(&line).expect("a JSON object"))
-}
 
 /// The companion of a simulator; `more` is added to its configuration. What it says goes to `said.txt`.
 fn fly(dir: &Path, sim: &serde_json::Value, more: &str) -> Running {

@@ -1,10 +1,9 @@
 //! A log that has become long is followed by another one on the floor, with the real programs over real wires.
 
 use std::collections::BTreeMap;
-use std::io::{BufRead as _, BufReader};
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use haltere::ctl::GroundStation;
@@ -12,31 +11,11 @@ use haltere_dialect::mav::haltere::{MavCmd, MavMessage};
 use haltere_log::record::{Decoded, Entry, LogEnd, LogReader};
 use haltere_model::Vehicle;
 
-use super::support::{companion, hall, in_real_time, program, wait};
+use super::support::{Running, companion, hall, in_real_time, program, serve, wait};
 
 const LIMIT: Duration = Duration::from_secs(120);
 /// Stations hear a heartbeat a second; the pause between two cores must stay below another one.
 const LONGEST_PAUSE: Duration = Duration::from_secs(2);
-
-/// Ended with the test, also where that fails.
-struct Running(Child);
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
-/// Tag and board, and what the companion has to be told of them.
-fn endpoint() -> (Running, serde_json::Value) {
-    let mut serve = Command::new(program());
-    serve.args(["serve", "--seed", "3"]).stdin(Stdio::null()).stdout(Stdio::piped());
-    let mut child = Running(serve.spawn().unwrap());
-    let mut line = String::new();
-    BufReader::new(child.0.stdout.take().unwrap()).read_line(&mut line).unwrap();
-    (child, serde_json::from_str(&line).unwrap())
-}
 
 fn configure(dir: &Path, told: &serde_json::Value, port: u16) -> PathBuf {
     let gear_m = Vehicle::default().body.gear_m;
@@ -118,7 +97,7 @@ fn regress_a_long_log_is_followed_by_another_on_the_floor_and_a_flight_is_never_
 fn rotation() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path();
-    let (_endpoint, told) = endpoint();
+    let (_endpoint, told) = serve(dir, &["--seed", "3"]);
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let config = configure(dir, &told, port);
     let said = std::fs::File::create(dir.join("said.txt")).unwrap();

@@ -1,6 +1,6 @@
 //! What the process tests share: the program, and a run with a time limit.
 
-use std::io::Write as _;
+use std::io::{BufRead as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -183,6 +183,27 @@ fn ends_within(child: &mut Child, limit: Duration) -> Option<std::process::ExitS
         std::thread::sleep(Duration::from_millis(20));
     }
     None
+}
+
+/// A program that ends with the test.
+pub struct Running(pub Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = Command::new("kill").args(["-TERM", &self.0.id().to_string()]).status();
+        wait(&mut self.0, Duration::from_secs(90));
+    }
+}
+
+/// `haltere-sim serve` with these arguments, and its first line. What it says goes to `sim.txt`.
+pub fn serve(dir: &Path, args: &[&str]) -> (Running, serde_json::Value) {
+    let mut command = Command::new(program());
+    command.arg("serve").args(args).current_dir(dir).stdin(Stdio::null()).stdout(Stdio::piped());
+    command.stderr(std::fs::File::create(dir.join("sim.txt")).unwrap());
+    let mut child = command.spawn().unwrap();
+    let mut line = String::new();
+    std::io::BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    (Running(child), serde_json::from_str(&line).expect("a JSON object"))
 }
 
 /// The survey of the hall that `haltere-sim serve` flies in without a scenario.
