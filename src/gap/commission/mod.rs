@@ -269,8 +269,9 @@ impl<'a> Hand<'a> {
         progress: &'a (dyn Fn(usize, usize) + Sync),
     ) -> Self {
         let slopes = 2 * SLOPE_FLIGHTS * constants.len();
-        // Of the constants a fifth moves far enough to have its slope taken anew (drawn worlds).
-        let of = ROUNDS * MEAN_FLIGHTS + slopes + slopes / 5 + crossed::flights(accepted);
+        // A step takes a fifth of the constants so far that their slopes are taken anew (three drawn worlds).
+        let of =
+            ROUNDS * MEAN_FLIGHTS + slopes + (ROUNDS - 1) * slopes / 5 + crossed::flights(accepted);
         let (done, least, pairs) = (AtomicUsize::new(0), LEAST_FLIGHTS, SLOPE_FLIGHTS);
         let flown = Arc::default();
         Self { constants, scene, items, done, of, least, pairs, flown, progress }
