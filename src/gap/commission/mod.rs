@@ -268,10 +268,9 @@ impl<'a> Hand<'a> {
         accepted: usize,
         progress: &'a (dyn Fn(usize, usize) + Sync),
     ) -> Self {
-        let slopes = 2 * SLOPE_FLIGHTS * constants.len();
         // A step takes a fifth of the constants so far that their slopes are taken anew (three drawn worlds).
-        let of =
-            ROUNDS * MEAN_FLIGHTS + slopes + (ROUNDS - 1) * slopes / 5 + crossed::flights(accepted);
+        let slopes = 2 * SLOPE_FLIGHTS * constants.len() * (4 + ROUNDS) / 5;
+        let of = ROUNDS * MEAN_FLIGHTS + slopes + crossed::flights(accepted);
         let (done, least, pairs) = (AtomicUsize::new(0), LEAST_FLIGHTS, SLOPE_FLIGHTS);
         let flown = Arc::default();
         Self { constants, scene, items, done, of, least, pairs, flown, progress }
