@@ -85,12 +85,12 @@ impl Companion {
         lines.get(lines.len().saturating_sub(12)..).unwrap_or_default().join("\n")
     }
 
-    /// Memory that it asked for and touched, bytes: without its code, which is locked whole.
+    /// Resident memory, bytes.
     pub fn memory_B(&self) -> Result<u64> {
         let (name, text) = self.proc("status")?;
-        let line = text.lines().find_map(|line| line.strip_prefix("RssAnon:"));
+        let line = text.lines().find_map(|line| line.strip_prefix("VmRSS:"));
         let kb = line.and_then(|l| l.split_whitespace().next()?.parse::<u64>().ok());
-        kb.map(|kb| kb * 1024).with_context(|| format!("{name} does not tell RssAnon"))
+        kb.map(|kb| kb * 1024).with_context(|| format!("{name} does not tell VmRSS"))
     }
 
     /// Processor time used so far, s.

@@ -397,8 +397,8 @@ impl Linear {
         Ok(line)
     }
 
-    /// There, with the slopes of here as the step shows them ([`solve::carried`]); of constants that it took beyond the interval over which their slope was
-    /// taken, with new ones.
+    /// There, with the slopes of here as the step shows them ([`solve::carried`]); new ones of constants that it took beyond the interval
+    /// over which their slope was taken.
     fn moved_to(
         &self,
         hand: &Hand<'_>,

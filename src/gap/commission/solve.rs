@@ -160,7 +160,8 @@ impl Evidence {
 /// Slopes `J` after a step `s` that took `Δd` off the differences, `taken` with the variance `r` of that: along the step they become those
 /// that foretell it (Broyden 1965), by the share of it that is not chance (Kalman 1960).
 ///
-/// `J' = J + e² (Δd - J s) sᵀ / (e² |s|² + r)`, `e = error ‖J‖ |s|`: `error` is the share of a slope that changes within a sigma.
+/// `J' = J + e² (Δd - J s) sᵀ / (e² |s|² + r)`, `e = error ‖J‖ |s|`: `error` is the share of a slope that changes within a sigma. `J` in units
+/// of the statistic by sigma of the prior, `s` in these sigma.
 pub fn carried(
     mut slopes: DMatrix<f64>,
     step: &DVector<f64>,

@@ -15,9 +15,9 @@ use haltere_model::effects::{EffectSpec, ParameterSpec};
 const SHARES: [f64; 2] = [0.25, 1.45];
 /// Sizes that are flown at most (judgement): the effect's own, and two that are foretold.
 const SIZES: usize = 3;
-/// Steps in which foretold shares are looked through: 0.025 each, finer than a few flights tell apart.
+/// Steps in which foretold shares are looked through, 0.025 each (judgement).
 const STEPS: usize = 48;
-/// Shares nearer to one another than this part of them are one.
+/// Shares nearer to one another than this part of them are one (judgement).
 const ALIKE: f64 = 0.1;
 
 /// How far flights with an effect are from the one that was diagnosed.
@@ -60,6 +60,8 @@ type Flown = (f64, Vec<f64>, Off);
 
 /// Share at which the flight is nearest if every statistic goes with the share as the polynomial through the flown ones (Lagrange 1795);
 /// half of the least one that cannot be flown where none can.
+///
+/// `z(s) = Σ_k z(s_k) Π_{j≠k} (s - s_j) / (s_k - s_j)`, least `Σ c(z(s))²` over the statistics. `s`: share; `z`: a mean difference (sigma); `c`: [`compressed`].
 fn foretold(flown: &[Flown]) -> f64 {
     let can = |(_, _, off): &&Flown| off.distance.is_finite();
     let points: Vec<&Flown> = flown.iter().filter(can).collect();

@@ -36,7 +36,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     },
 };
 
-/// One anchor's path to the tag is longer, and grows.
+/// One anchor's path to the tag is longer, and grows: `ρ_n -> ρ_n + b + ḃ t` (m), `t` time (s).
 pub(super) struct LongerPath {
     pub bias_m: f64,
     pub rate_mps: f64,
