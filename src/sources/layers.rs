@@ -107,11 +107,9 @@ impl Layers {
             let text = layer.table.to_string();
             builder = builder.add_source(config::File::from_str(&text, config::FileFormat::Toml));
         }
-        let merged = builder.build().and_then(|merged| {
-            serde_path_to_error::deserialize(merged)
-                .map_err(|error| config::ConfigError::Message(error.to_string()))
-        });
-        merged.map_err(|error| Problems::one(error.to_string()))
+        let merged = builder.build().and_then(config::Config::try_deserialize::<Table>);
+        let merged = merged.map_err(|error| Problems::one(error.to_string()))?;
+        Ok(read_config("configuration", &merged.to_string())?.config)
     }
 
     /// A problem's line, led by the origin of the key that it begins with.

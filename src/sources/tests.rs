@@ -103,8 +103,11 @@ fn prop_bad_values_are_named_with_place_and_way_out() {
         "[tag]\nprotocol = \"mavlink\"\n",
         "tag.protocol = \"mavlink\": such a tag is not found by itself; name its device in tag.port",
     );
-    check("[tag]\nprot = 1\n", "unknown key `prot`, expected one of `port`, `protocol`, `baud`");
-    check("[tagg]\nport = 1\n", "unknown key `tagg`, expected one of `tag`, `board`");
+    check(
+        "[tag]\nprot = 1\n",
+        "line 2: tag.prot: unknown key `prot`, expected one of `port`, `protocol`, `baud`",
+    );
+    check("[tagg]\nport = 1\n", "line 1: tagg: unknown key `tagg`, expected one of `tag`, `board`");
     check(
         "[board]\naddress = \"/dev/ttyS0\"\n",
         "board.address: \"/dev/ttyS0\" is no address: allowed udpin:HOST:PORT",

@@ -1,6 +1,8 @@
 //! One text of a configuration, read strictly: what a file, a variable or the head of a log may hold, and where in it
 //! something is wrong.
 
+use std::ops::Range;
+
 use serde::de::DeserializeOwned;
 use toml::de::{DeTable, DeValue};
 use toml::{Spanned, Table, Value};
@@ -133,13 +135,35 @@ fn typed<T: DeserializeOwned>(
     text: &str,
     root: Spanned<DeTable<'_>>,
 ) -> Result<T, Problems> {
-    serde_path_to_error::deserialize(toml::Deserializer::from(root)).map_err(|error| {
-        let path = error.path().to_string();
-        let inner = error.into_inner();
-        let key = if path == "." { String::new() } else { format!("{path}: ") };
-        let place = place(name, text, inner.span().map_or(0, |span| span.start));
-        Problems::one(format!("{place}{key}{}", in_words(inner.message())))
+    T::deserialize(toml::Deserializer::from(root)).map_err(|error| {
+        let span = error.span().unwrap_or_default();
+        let path = parse(name, text).ok().and_then(|root| key_of(root.get_ref(), &span));
+        let key = path.map_or_else(String::new, |path| path + ": ");
+        let place = place(name, text, span.start);
+        Problems::one(format!("{place}{key}{}", in_words(error.message())))
     })
+}
+
+/// The innermost key that stands, or whose value stands, around a piece of the text.
+fn key_of(table: &DeTable<'_>, piece: &Range<usize>) -> Option<String> {
+    table.iter().find_map(|(key, value)| {
+        let name = key.get_ref();
+        if around(&key.span(), piece) { Some(name.to_string()) } else { key_in(value, piece, name) }
+    })
+}
+
+fn key_in(value: &Spanned<DeValue<'_>>, piece: &Range<usize>, key: &str) -> Option<String> {
+    let inside = match value.get_ref() {
+        DeValue::Table(table) => key_of(table, piece).map(|rest| format!("{key}.{rest}")),
+        DeValue::Array(items) => (items.iter().enumerate())
+            .find_map(|(n, item)| key_in(item, piece, &format!("{key}[{n}]"))),
+        _ => None,
+    };
+    inside.or_else(|| around(&value.span(), piece).then(|| key.to_owned()))
+}
+
+fn around(span: &Range<usize>, piece: &Range<usize>) -> bool {
+    span.start <= piece.start && piece.end <= span.end
 }
 
 /// Where in a text something stands, for people. A text of one key has no lines.
