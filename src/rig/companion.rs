@@ -1,14 +1,14 @@
 //! `haltere fly` as a process.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus, Stdio};
+use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use haltere_log::log_file::has_log_ending;
 use rustix::process::Signal;
 
-use super::process::{Process, simulator, told};
+use super::process::{Process, companion, told};
 
 /// The companion, running.
 #[derive(Debug)]
@@ -32,9 +32,8 @@ impl Companion {
         output: PathBuf,
         [out, err]: [Stdio; 2],
     ) -> Result<Self> {
-        let program = simulator()?;
-        let mut command = Command::new(program);
-        command.args(["companion", "fly", "--config"]).arg(config);
+        let mut command = companion()?;
+        command.args(["fly", "--config"]).arg(config);
         for setting in overrides {
             command.args(["--set", setting]);
         }

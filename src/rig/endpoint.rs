@@ -2,7 +2,7 @@
 
 use std::ffi::OsStr;
 use std::io::{BufRead, BufReader};
-use std::process::{ChildStdout, Command, Stdio};
+use std::process::{ChildStdout, Stdio};
 
 use anyhow::{Context, Result, bail};
 
@@ -22,8 +22,7 @@ pub struct Endpoint {
 impl Endpoint {
     /// Starts it with these arguments and reads its first line.
     pub fn start<A: AsRef<OsStr>>(args: impl IntoIterator<Item = A>) -> Result<Self> {
-        let program = simulator()?;
-        let child = Command::new(&program)
+        let child = simulator()?
             .arg("serve")
             .args(args)
             .stdin(Stdio::null())

@@ -3,7 +3,7 @@
 use std::net::UdpSocket;
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::PathBuf;
-use std::process::{Child, ExitStatus};
+use std::process::{Child, Command, ExitStatus};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
@@ -12,16 +12,34 @@ use rustix::process::{Pid, Signal, kill_process};
 /// Time to land and to close a log after a signal.
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(40);
 
-/// Name of the program that is endpoint and companion.
+/// Name of the program that is the endpoint; it holds a companion as well.
 const SIMULATOR: &str = "haltere-sim";
+/// Name of the program that vehicles fly.
+const COMPANION: &str = "haltere";
 
-/// Where it lies: it is this program, or stands beside it.
-pub fn simulator() -> Result<PathBuf> {
+/// The endpoint: this program, or the one that stands beside it.
+pub fn simulator() -> Result<Command> {
+    Ok(Command::new(own(SIMULATOR)?.map_or_else(|| beside(SIMULATOR), Ok)?))
+}
+
+/// The companion: what vehicles fly, which stands beside this program. A simulator, which is often built alone, takes
+/// the one that it holds.
+pub fn companion() -> Result<Command> {
+    let Some(own) = own(SIMULATOR)? else { return Ok(Command::new(beside(COMPANION)?)) };
+    let mut command = Command::new(own);
+    command.arg("companion");
+    Ok(command)
+}
+
+/// This program, if it has that name.
+fn own(name: &str) -> Result<Option<PathBuf>> {
     let own = std::env::current_exe().context("this program's own path")?;
-    if own.file_stem().is_some_and(|name| name == SIMULATOR) {
-        return Ok(own);
-    }
-    let beside = own.with_file_name(SIMULATOR);
+    Ok(own.file_stem().is_some_and(|stem| stem == name).then_some(own))
+}
+
+/// A program that stands beside this one.
+fn beside(name: &str) -> Result<PathBuf> {
+    let beside = std::env::current_exe().context("this program's own path")?.with_file_name(name);
     if !beside.is_file() {
         bail!(
             "{}: is not there, and it is what flies; `cargo build --release --workspace` makes it",
