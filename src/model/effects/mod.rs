@@ -262,11 +262,10 @@ pub mod link_latency;
 pub mod packet_loss;
 pub mod passive_dihedral;
 pub mod path_bias;
-pub mod pitch_servo;
 pub mod receive_noise;
 pub mod rotational_damping;
+pub mod servos;
 pub mod thrust_curve;
-pub mod yaw_servo;
 
 // Deviations.
 pub mod acc_bias;
