@@ -12,6 +12,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use haltere_gap::flight::statistics::specs;
 use haltere_gap::shrink::held_out::HeldOut;
 use haltere_model::Vehicle;
 use haltere_model::effects::{ALL, EffectSpec, Role, Source};
@@ -24,6 +25,8 @@ const PRIOR: f64 = 0.2;
 const VARIANCE: f64 = 2.0;
 /// Shares of the step that are flown.
 const SHARES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
+/// Flights with each value of the constants.
+const FLIGHTS: usize = 4;
 /// Deviations beyond this many sigma count as so many.
 const LARGEST: f64 = 10.0;
 
@@ -55,14 +58,15 @@ impl Retuning {
             let known = |v: f64| if v.is_finite() { v.clamp(-LARGEST, LARGEST) } else { 0.0 };
             DVector::from_iterator(row.len(), row.into_iter().map(known))
         };
-        let middle = clean(model.mean(&[]));
+        let origin = vec![0.0; specs().len()];
+        let at = |moved: &Values| clean(model.off(&origin, &borrowed(moved), FLIGHTS).mean);
+        let middle = at(&Vec::new());
         let mut jacobian = DMatrix::zeros(middle.len(), constants.len());
         for k in 0..constants.len() {
             let side = |sign: f64| {
                 let mut change = vec![0.0; constants.len()];
                 change[k] = sign * STEP;
-                let moved = values(&constants, &change);
-                clean(model.mean(&borrowed(&moved)))
+                at(&values(&constants, &change))
             };
             let (up, down) = (side(1.0), side(-1.0));
             if up.len() == middle.len() && down.len() == middle.len() {
@@ -76,22 +80,18 @@ impl Retuning {
     /// Constants that make the model most like a flight; empty: none do.
     pub fn fit(&self, model: &HeldOut<'_>, real: &[f64]) -> Values {
         let n = self.constants.len();
-        let z =
-            DVector::from_iterator(
-                self.middle.len(),
-                model.standardised(real).into_iter().zip(self.middle.iter()).map(|(v, m)| {
-                    if v.is_finite() { (v - m).clamp(-LARGEST, LARGEST) } else { 0.0 }
-                }),
-            );
+        let nominal = model.off(real, &[], FLIGHTS);
+        let clean = |v: f64| if v.is_finite() { -v.clamp(-LARGEST, LARGEST) } else { 0.0 };
+        let z = DVector::from_iterator(self.middle.len(), nominal.mean.into_iter().map(clean));
         let normal = self.jacobian.tr_mul(&self.jacobian) / VARIANCE
             + DMatrix::identity(n, n) * PRIOR.powi(-2);
         let right = self.jacobian.tr_mul(&z) / VARIANCE;
         let Some(step) = normal.cholesky().map(|c| c.solve(&right)) else { return Vec::new() };
-        let mut best = (model.left(real, &[]), Vec::new());
+        let mut best = (nominal.distance, Vec::new());
         for share in SHARES {
             let change: Vec<f64> = step.iter().map(|d| d * share).collect();
             let moved = values(&self.constants, &change);
-            let left = model.left(real, &borrowed(&moved));
+            let left = model.off(real, &borrowed(&moved), FLIGHTS).distance;
             if left < best.0 {
                 best = (left, moved);
             }

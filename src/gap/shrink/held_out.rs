@@ -31,17 +31,22 @@ const SEED: u64 = 2;
 
 /// Simulated flights before and after, per held-out flight. Paired seeds.
 pub const SHRINK_FLIGHTS: usize = 8;
+/// The same after, for what is not named: of it a value is told, no interval.
+const RIVAL_FLIGHTS: usize = 4;
+/// At each size that is searched, beside one flight: the noise of both is 1.5 of its variance, of many it were 1.
+pub const SEARCH_FLIGHTS: usize = 2;
 /// Flights with benign jitter that give the scale of a difference, and the seed of the first.
 const BENIGN_FLIGHTS: usize = 32;
 const BENIGN_SEED: u64 = 7_800_000;
 /// Fewest healthy flights whose spread counts.
 const LEAST_REFERENCES: usize = 8;
-/// Simulated flights at each share of a size that is searched.
-const SEARCH_FLIGHTS: usize = 4;
 /// First seed of these flights: none of a bank's.
 const SHRINK_SEED: u64 = 7_700_000;
 /// Resampling of intervals.
 const BOOTSTRAP_SEED: u64 = 1;
+/// Effects with their parameters.
+type Acting<'a> = [(&'a EffectSpec, &'a [f64])];
+
 /// Effects that act together, as one explanation.
 #[derive(Debug, Clone)]
 pub struct Explanation {
@@ -84,7 +89,12 @@ pub fn resize_all(
     for (k, explanation) in explanations.iter_mut().enumerate() {
         let share = match &explanation.effects[..] {
             [(spec, theta)] => {
-                let sized = resize(|e| model.off(fitted_on, e), model.vehicle(), spec, theta);
+                let sized = resize(
+                    |e| model.off(fitted_on, e, SEARCH_FLIGHTS),
+                    model.vehicle(),
+                    spec,
+                    theta,
+                );
                 let share = sized.as_ref().map_or(0.0, |(share, _)| *share);
                 explanation.effects = sized.map(|(_, theta)| (*spec, theta)).into_iter().collect();
                 share
@@ -140,14 +150,16 @@ pub fn measure(
         });
         done += 1;
         progress(done, of);
-        for (slot, explanation) in pairs.iter_mut().zip(std::iter::once(asked).chain(others)) {
+        let counts = std::iter::once(SHRINK_FLIGHTS).chain(std::iter::repeat(RIVAL_FLIGHTS));
+        let explanations = std::iter::once(asked).chain(others).zip(counts);
+        for (slot, (explanation, count)) in pairs.iter_mut().zip(explanations) {
             let effects: Vec<_> =
                 explanation.effects.iter().map(|(spec, theta)| (*spec, &theta[..])).collect();
-            slot.push(model.paired(&real, &effects));
+            slot.push(model.paired(&real, &effects, count));
             done += 1;
             progress(done, of);
         }
-        scales_of_last = Some(model.scales().to_vec());
+        scales_of_last = Some(model.scales.clone());
     }
     let Some(scales) = scales_of_last else { return Err(NotMeasured::Nothing(why)) };
     let mut shrinks: Vec<Shrink> =
@@ -263,7 +275,7 @@ impl<'a> HeldOut<'a> {
     }
 
     /// Flights by the first seeds with these effects, lost ones left out.
-    fn fly(&self, effects: &[(&EffectSpec, &[f64])], flights: usize) -> Vec<Vec<f64>> {
+    fn fly(&self, effects: &Acting<'_>, flights: usize) -> Vec<Vec<f64>> {
         // Debug output of numbers is exact.
         let key: String =
             effects.iter().map(|(spec, theta)| format!("{} {theta:?} ", spec.id)).collect();
@@ -291,14 +303,9 @@ impl<'a> HeldOut<'a> {
         &self.scene.vehicle
     }
 
-    /// Sigma of every statistic.
-    pub fn scales(&self) -> &[f64] {
-        &self.scales
-    }
-
-    /// One real flight beside the model before and after.
-    pub fn paired(&self, real: &[f64], effects: &[(&EffectSpec, &[f64])]) -> Paired {
-        let after = self.shifted(self.fly(effects, SHRINK_FLIGHTS));
+    /// One real flight beside so many flights of the model before and after.
+    pub fn paired(&self, real: &[f64], effects: &Acting<'_>, flights: usize) -> Paired {
+        let after = self.shifted(self.fly(effects, flights));
         let common = after.len().min(self.before.len());
         Paired {
             real: real.to_vec(),
@@ -308,31 +315,18 @@ impl<'a> HeldOut<'a> {
         }
     }
 
-    /// Statistics in sigma.
-    pub fn standardised(&self, statistics: &[f64]) -> Vec<f64> {
-        statistics.iter().zip(&self.scales).map(|(v, s)| v / s).collect()
-    }
-
-    /// Mean standardised statistics of a few flights with these effects.
-    pub fn mean(&self, effects: &[(&EffectSpec, &[f64])]) -> Vec<f64> {
-        let flights = self.shifted(self.fly(effects, SEARCH_FLIGHTS));
+    /// How far so many flights of the model with these effects are from a real one.
+    pub fn off(&self, real: &[f64], effects: &Acting<'_>, flights: usize) -> Off {
+        let flights = self.shifted(self.fly(effects, flights));
         let count = flights.len() as f64;
-        let sum = |j: usize| flights.iter().filter_map(|row| row.get(j)).sum::<f64>();
-        self.scales.iter().enumerate().map(|(j, s)| sum(j) / count / s).collect()
-    }
-
-    /// Mean distance of a real flight to the model with these effects; a few flights, for a search.
-    pub fn left(&self, real: &[f64], effects: &[(&EffectSpec, &[f64])]) -> f64 {
-        let flights = self.shifted(self.fly(effects, SEARCH_FLIGHTS));
+        let mean = |j: usize| flights.iter().filter_map(|row| row.get(j)).sum::<f64>() / count;
+        let places = self.scales.iter().zip(real).enumerate();
         let left = crate::shrink::to_all(real, &flights, &self.scales);
-        // Effects that cannot be flown explain nothing.
-        if left.is_finite() { left } else { f64::INFINITY }
-    }
-
-    /// How far flights of the model with these effects are from a real one; a few flights, for a search.
-    pub fn off(&self, real: &[f64], effects: &[(&EffectSpec, &[f64])]) -> Off {
-        let mean = self.mean(effects).into_iter().zip(self.standardised(real));
-        Off { mean: mean.map(|(m, r)| m - r).collect(), distance: self.left(real, effects) }
+        Off {
+            mean: places.map(|(j, (scale, real))| (mean(j) - real) / scale).collect(),
+            // Effects that cannot be flown explain nothing.
+            distance: if left.is_finite() { left } else { f64::INFINITY },
+        }
     }
 
     /// Distance of a held-out flight before and after.
@@ -359,7 +353,9 @@ mod tests {
         let spec = standard().into_iter().find(|s| s.id == "P1").unwrap();
         let model = HeldOut::new(&scene, &items, &[], &Shelf::none());
         let own = model.fly(&[(spec, &[0.12])], SHRINK_FLIGHTS).swap_remove(0);
-        let (right, none) = (model.paired(&own, &[(spec, &[0.12])]), model.paired(&own, &[]));
+        let paired =
+            |effects: &[(&EffectSpec, &[f64])]| model.paired(&own, effects, SHRINK_FLIGHTS);
+        let (right, none) = (paired(&[(spec, &[0.12])]), paired(&[]));
         let (right, none) = (model.shrink(&[right]), model.shrink(&[none]));
         assert!(right.value.unwrap() > 0.8, "{right:?}");
         assert!(none.value.unwrap().abs() < 0.1, "{none:?}");

@@ -11,7 +11,7 @@ use haltere_gap::diagnosis::observed;
 use haltere_gap::flight::logs;
 use haltere_gap::nominal::Nominal;
 use haltere_gap::scene::{Scene, Told};
-use haltere_gap::shrink::held_out::HeldOut;
+use haltere_gap::shrink::held_out::{HeldOut, SEARCH_FLIGHTS, SHRINK_FLIGHTS};
 use haltere_gap::shrink::resize::resize;
 use haltere_gap::shrink::{Paired, Shrink};
 use haltere_model::effects::EffectSpec;
@@ -100,9 +100,9 @@ pub(super) fn shrunk(
             continue;
         }
         let flown = |spec: &EffectSpec, theta: &[f64]| -> (Paired, bool) {
-            match resize(|e| fit.off(diagnosed, e), fit.vehicle(), spec, theta) {
-                Some((_, theta)) => (model.paired(real, &[(spec, &theta)]), true),
-                None => (model.paired(real, &[]), false),
+            match resize(|e| fit.off(diagnosed, e, SEARCH_FLIGHTS), fit.vehicle(), spec, theta) {
+                Some((_, theta)) => (model.paired(real, &[(spec, &theta)], SHRINK_FLIGHTS), true),
+                None => (model.paired(real, &[], SHRINK_FLIGHTS), false),
             }
         };
         let mut of_named: Option<(String, Paired)> = None;
@@ -126,7 +126,7 @@ pub(super) fn shrunk(
             with_truth = right.last().map_or(f64::NAN, |p| model.distances(p)[1]);
         }
         let constants = retuning.fit(&fit, diagnosed);
-        let last = model.paired(real, &borrowed(&constants));
+        let last = model.paired(real, &borrowed(&constants), SHRINK_FLIGHTS);
         let [before, with_constants] = model.distances(&last);
         let with_named = of_named.as_ref().map_or(f64::NAN, |(_, p)| model.distances(p)[1]);
         let said = of_named.map_or_else(|| "-".to_owned(), |(id, _)| id);
