@@ -19,22 +19,22 @@ const COMPANION: &str = "haltere";
 
 /// The endpoint: this program, or the one that stands beside it.
 pub fn simulator() -> Result<Command> {
-    Ok(Command::new(own(SIMULATOR)?.map_or_else(|| beside(SIMULATOR), Ok)?))
+    Ok(Command::new(own_simulator()?.map_or_else(|| beside(SIMULATOR), Ok)?))
 }
 
 /// The companion: what vehicles fly, which stands beside this program. A simulator, which is often built alone, takes
 /// the one that it holds.
 pub fn companion() -> Result<Command> {
-    let Some(own) = own(SIMULATOR)? else { return Ok(Command::new(beside(COMPANION)?)) };
+    let Some(own) = own_simulator()? else { return Ok(Command::new(beside(COMPANION)?)) };
     let mut command = Command::new(own);
     command.arg("companion");
     Ok(command)
 }
 
-/// This program, if it has that name.
-fn own(name: &str) -> Result<Option<PathBuf>> {
+/// This program, if it is the simulator.
+fn own_simulator() -> Result<Option<PathBuf>> {
     let own = std::env::current_exe().context("this program's own path")?;
-    Ok(own.file_stem().is_some_and(|stem| stem == name).then_some(own))
+    Ok(own.file_stem().is_some_and(|stem| stem == SIMULATOR).then_some(own))
 }
 
 /// A program that stands beside this one.

@@ -25,7 +25,7 @@ const PRIOR: f64 = 0.2;
 const VARIANCE: f64 = 2.0;
 /// Shares of the step that are flown.
 const SHARES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
-/// Flights with each value of the constants.
+/// Flights with each value of the constants (judgement).
 const FLIGHTS: usize = 4;
 /// Deviations beyond this many sigma count as so many.
 const LARGEST: f64 = 10.0;

@@ -31,9 +31,9 @@ const SEED: u64 = 2;
 
 /// Simulated flights before and after, per held-out flight. Paired seeds.
 pub const SHRINK_FLIGHTS: usize = 8;
-/// The same after, for what is not named: of it a value is told, no interval.
+/// The same after, for what is not named: of it a value is told, no interval (judgement).
 const RIVAL_FLIGHTS: usize = 4;
-/// At each size that is searched, beside one flight: the noise of both is 1.5 of its variance, of many it were 1.
+/// At each size that is searched (judgement): beside one flight, the variance of both is 1.5 of its own, with many it were 1.
 pub const SEARCH_FLIGHTS: usize = 2;
 /// Flights with benign jitter that give the scale of a difference, and the seed of the first.
 const BENIGN_FLIGHTS: usize = 32;

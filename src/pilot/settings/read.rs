@@ -136,10 +136,10 @@ fn typed<T: DeserializeOwned>(
     root: Spanned<DeTable<'_>>,
 ) -> Result<T, Problems> {
     T::deserialize(toml::Deserializer::from(root)).map_err(|error| {
-        let span = error.span().unwrap_or_default();
-        let path = parse(name, text).ok().and_then(|root| key_of(root.get_ref(), &span));
-        let key = path.map_or_else(String::new, |path| path + ": ");
-        let place = place(name, text, span.start);
+        let span = error.span();
+        let key = span.as_ref().and_then(|at| key_of(parse(name, text).ok()?.get_ref(), at));
+        let key = key.map_or_else(String::new, |key| key + ": ");
+        let place = place(name, text, span.map_or(0, |span| span.start));
         Problems::one(format!("{place}{key}{}", in_words(error.message())))
     })
 }
